@@ -1,0 +1,72 @@
+"""What the odometry says about a frame: values, never flags to poll."""
+
+import enum
+from dataclasses import dataclass, field
+from typing import Mapping, Optional, Tuple
+
+import numpy as np
+
+
+class TrackingState(enum.Enum):
+    """Where the odometry stands after a frame."""
+
+    INITIALIZING = "initializing"  # collecting parallax for a first map: no pose yet
+    TRACKING = "tracking"  # the pose is valid
+    LOST = "lost"  # this frame could not be tracked; the next one starts a new segment
+
+
+@dataclass(frozen=True)
+class KeyframeEstimate:
+    """One keyframe of the window as last refined.
+
+    Attributes:
+        keyframe_id: counts up over the whole run, never reused.
+        stamp_s: stamp of its image, seconds.
+        segment: the segment it belongs to.
+        T_world_camera: (4, 4) float64, VO units, VO world.
+        affine: brightness parameters (a, b) of equation (4).
+        leaves: True when it is marginalised with this frame, so this estimate is its last.
+    """
+
+    keyframe_id: int
+    stamp_s: float
+    segment: int
+    T_world_camera: np.ndarray
+    affine: Tuple[float, float]
+    leaves: bool
+
+
+@dataclass(frozen=True)
+class OdometryStatus:
+    """The result of `DirectOdometry.track` for one image.
+
+    Attributes:
+        stamp_s: stamp of the image, seconds.
+        state: see TrackingState.
+        segment: counts from 0; every re-initialisation begins a new one with its own unit of length.
+        T_world_camera: (4, 4) float64 pose of the camera in the VO world, VO units; None unless state is TRACKING.
+        covariance: (6, 6) float64 of (translation, rotation), left-multiplied on T_world_camera; None without a pose.
+        is_keyframe: the frame became a keyframe.
+        keyframe_id: the keyframe the pose is relative to, -1 without a pose.
+        T_keyframe_camera: (4, 4) float64 pose relative to that keyframe; None without a pose.
+        keyframes: the window's keyframes as refined with this frame; empty when the window did not change.
+        rmse: photometric error of the tracking, grey levels; nan without a pose.
+        active_points, candidate_points: how many the window holds.
+        timing_ms: milliseconds of each stage.
+        message: why there is no pose, in words; empty when tracking.
+    """
+
+    stamp_s: float
+    state: TrackingState
+    segment: int
+    T_world_camera: Optional[np.ndarray] = None
+    covariance: Optional[np.ndarray] = None
+    is_keyframe: bool = False
+    keyframe_id: int = -1
+    T_keyframe_camera: Optional[np.ndarray] = None
+    keyframes: Tuple[KeyframeEstimate, ...] = ()
+    rmse: float = float("nan")
+    active_points: int = 0
+    candidate_points: int = 0
+    timing_ms: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
