@@ -1,0 +1,13 @@
+"""What can go wrong with files and frames. Every message is one line: where, what, and what to do."""
+
+
+class InputError(Exception):
+    """An input that cannot be used at all; the message names the file, what is wrong with it and what to do."""
+
+
+class FrameError(Exception):
+    """One image that cannot be used; the frame is skipped and the run goes on."""
+
+
+class OutputError(OSError):
+    """A file that cannot be written; the message names it and says why."""

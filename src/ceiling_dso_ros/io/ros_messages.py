@@ -1,0 +1,92 @@
+"""ROS 1 messages without ROS: their types and the parts that many of them share."""
+
+from typing import Any, Tuple
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from scipy.spatial.transform import Rotation
+
+from ceiling_dso_ros.io.stamps import NANOSECONDS
+
+RosMessage = Any  # the classes of the type store have no common base
+
+# Not part of the noetic type store of rosbags. Exposure is msg/Exposure.msg of this package.
+EXTRA_DEFINITIONS = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "ceiling_dso_ros/msg/Exposure": "std_msgs/Header header\nfloat64 exposure_ms",
+}
+
+
+def _noetic_types() -> Typestore:
+    types = get_typestore(Stores.ROS1_NOETIC)
+    for name, definition in EXTRA_DEFINITIONS.items():
+        types.register(get_types_from_msg(definition, name))
+    return types
+
+
+TYPES = _noetic_types()
+
+
+def message(type_name: str, **fields: object) -> RosMessage:
+    """A message of a type such as `sensor_msgs/Image`; all fields must be given."""
+    package, name = type_name.split("/")
+    return TYPES.types[f"{package}/msg/{name}"](**fields)
+
+
+def header(stamp_ns: int, frame_id: str, seq: int = 0) -> RosMessage:
+    """std_msgs/Header."""
+    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return message("std_msgs/Header", seq=seq, stamp=stamp, frame_id=frame_id)
+
+
+def header_stamp_ns(header: RosMessage) -> int:
+    """Nanoseconds of a std_msgs/Header."""
+    return header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+
+
+def vector(xyz: np.ndarray) -> RosMessage:
+    """geometry_msgs/Vector3 of (3,) numbers."""
+    return message("geometry_msgs/Vector3", **_xyz(xyz))
+
+
+def pose(T_frame_body: np.ndarray) -> RosMessage:
+    """geometry_msgs/Pose of a (4, 4) transform."""
+    return message(
+        "geometry_msgs/Pose",
+        position=message("geometry_msgs/Point", **_xyz(T_frame_body[:3, 3])),
+        orientation=quaternion(T_frame_body),
+    )
+
+
+def transform_stamped(stamp_ns: int, parent: str, child: str, T_parent_child: np.ndarray) -> RosMessage:
+    """geometry_msgs/TransformStamped: the pose of child in parent, (4, 4)."""
+    return message(
+        "geometry_msgs/TransformStamped",
+        header=header(stamp_ns, parent),
+        child_frame_id=child,
+        transform=message(
+            "geometry_msgs/Transform", translation=vector(T_parent_child[:3, 3]), rotation=quaternion(T_parent_child)
+        ),
+    )
+
+
+def quaternion(T: np.ndarray) -> RosMessage:
+    """geometry_msgs/Quaternion of the rotation of a (4, 4) transform."""
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
+    return message("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def transform_matrix(transform: RosMessage) -> Tuple[str, str, np.ndarray]:
+    """Parent, child and T_parent_child (4, 4) of a geometry_msgs/TransformStamped."""
+    translation, rotation = transform.transform.translation, transform.transform.rotation
+    T_parent_child = np.eye(4)
+    T_parent_child[:3, :3] = Rotation.from_quat([rotation.x, rotation.y, rotation.z, rotation.w]).as_matrix()
+    T_parent_child[:3, 3] = translation.x, translation.y, translation.z
+    return transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/"), T_parent_child
+
+
+def _xyz(values: np.ndarray) -> dict:
+    x, y, z = (float(value) for value in values)
+    return {"x": x, "y": y, "z": z}
