@@ -1,0 +1,1 @@
+"""ROS 1 messages to and from the core, one server class per node: the only place that imports rospy."""

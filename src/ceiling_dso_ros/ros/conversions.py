@@ -1,0 +1,108 @@
+"""ROS messages to arrays and the odometry's values to ROS messages."""
+
+from fractions import Fraction
+from typing import Tuple
+
+import numpy as np
+from genpy import Time
+from geometry_msgs.msg import Pose
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
+
+from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
+
+UNKNOWN_VARIANCE = 9999.0  # by convention: nothing is known
+SMALLEST_VARIANCE = 1e-12  # consumers invert the covariance, so it is never singular
+
+STATES = {
+    TrackingState.INITIALIZING: VisualOdometryStatus.INITIALIZING,
+    TrackingState.TRACKING: VisualOdometryStatus.TRACKING,
+    TrackingState.LOST: VisualOdometryStatus.LOST,
+}
+
+
+def pose_from_matrix(T_parent_child: np.ndarray) -> Pose:
+    """geometry_msgs/Pose of a (4, 4) transform."""
+    pose = Pose()
+    pose.position.x, pose.position.y, pose.position.z = T_parent_child[:3, 3].tolist()
+    quaternion = Rotation.from_matrix(T_parent_child[:3, :3]).as_quat().tolist()
+    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = quaternion
+    return pose
+
+
+def pose_covariance(covariance: np.ndarray, T_world_camera: np.ndarray) -> np.ndarray:
+    """Covariance as geometry_msgs/PoseWithCovariance means it: of the position and of rotations about fixed axes.
+
+    A left-multiplied increment (v, w) moves the camera at position p by v + w x p, so p enters the position's share.
+
+    Args:
+        covariance: (6, 6) of (translation, rotation), left-multiplied on T_world_camera.
+        T_world_camera: (4, 4).
+
+    Returns:
+        (6, 6) float64 in the world's axes, positive on the diagonal.
+    """
+    x, y, z = T_world_camera[:3, 3]
+    jacobian = np.eye(6)
+    jacobian[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return jacobian @ covariance @ jacobian.T + SMALLEST_VARIANCE * np.eye(6)
+
+
+def odometry_message(
+    header: Header, child_frame_id: str, T_world_camera: np.ndarray, covariance: np.ndarray
+) -> Odometry:
+    """nav_msgs/Odometry with an unknown twist.
+
+    Args:
+        header: stamp of the image and the world frame.
+        child_frame_id: the camera's optical frame.
+        T_world_camera: (4, 4).
+        covariance: (6, 6) as `pose_covariance` gives it.
+    """
+    message = Odometry(header=header, child_frame_id=child_frame_id)
+    message.pose.pose = pose_from_matrix(T_world_camera)
+    message.pose.covariance = covariance.ravel().tolist()
+    message.twist.covariance = unknown_covariance().ravel().tolist()
+    return message
+
+
+def unknown_covariance() -> np.ndarray:
+    """(6, 6) covariance that says that nothing is known."""
+    return UNKNOWN_VARIANCE * np.eye(6)
+
+
+def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStatus:
+    """VisualOdometryStatus of an image, its counts and times left to the node."""
+    return VisualOdometryStatus(
+        header=header,
+        state=STATES[status.state],
+        message=status.message,
+        segment=status.segment,
+        is_keyframe=status.is_keyframe,
+        keyframe_id=status.keyframe_id,
+        active_points=status.active_points,
+        candidate_points=status.candidate_points,
+        rmse=status.rmse,
+    )
+
+
+def keyframes_message(header: Header, keyframes: Tuple[KeyframeEstimate, ...]) -> Keyframes:
+    """Keyframes of the window as refined with one image."""
+    return Keyframes(header=header, keyframes=[_keyframe(keyframe) for keyframe in keyframes])
+
+
+def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
+    # Through exact arithmetic: a double of seconds since 1970 is only good to 0.2 us, and this comes back to the same one.
+    stamp = Time(0, round(Fraction(keyframe.stamp_s) * 10**9))
+    affine_a, affine_b = keyframe.affine
+    return Keyframe(
+        id=keyframe.keyframe_id,
+        stamp=stamp,
+        segment=keyframe.segment,
+        pose=pose_from_matrix(keyframe.T_world_camera),
+        affine_a=affine_a,
+        affine_b=affine_b,
+        leaves=keyframe.leaves,
+    )

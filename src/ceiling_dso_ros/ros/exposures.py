@@ -1,0 +1,30 @@
+"""Exposure times that arrive beside the images, looked up by stamp."""
+
+import threading
+from collections import deque
+from typing import Deque, Optional, Tuple
+
+
+class ExposureLookup:
+    """The last exposure times, by the stamp of the image they belong to."""
+
+    def __init__(self, length: int = 100) -> None:
+        self._condition = threading.Condition()
+        self._exposures: Deque[Tuple[int, float]] = deque(maxlen=length)
+
+    def add(self, stamp_ns: int, exposure_ms: float) -> None:
+        """Remember one; a stamp that goes backwards forgets all others."""
+        with self._condition:
+            if self._exposures and stamp_ns < self._exposures[-1][0]:
+                self._exposures.clear()
+            self._exposures.append((stamp_ns, exposure_ms))
+            self._condition.notify_all()
+
+    def at(self, stamp_ns: int, timeout_s: float) -> Optional[float]:
+        """Exposure in ms of the image with this stamp, or of the last one before it; None when there is none.
+
+        Waits up to timeout_s seconds for it: image and exposure come over different connections.
+        """
+        with self._condition:
+            self._condition.wait_for(lambda: bool(self._exposures) and self._exposures[-1][0] >= stamp_ns, timeout_s)
+            return next((exposure for stamp, exposure in reversed(self._exposures) if stamp <= stamp_ns), None)
