@@ -1,0 +1,101 @@
+"""Figures of an evaluation: the trajectories from above and the error over the distance, as PNG and SVG.
+
+The same numbers give the same bytes: no dates, fixed identifiers.
+"""
+
+from pathlib import Path
+from typing import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
+
+# Okabe and Ito's palette: told apart by colour-blind readers, too.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_REFERENCE_COLOUR = "#888888"
+_STYLE = {
+    "font.size": 9,
+    "axes.edgecolor": "#555555",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "grid.color": "#E5E5E5",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "lines.solid_capstyle": "round",
+    "svg.hashsalt": "ceiling_dso_ros",
+}
+# Matplotlib's own fields that change with time or version.
+_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
+
+
+def write_figures(directory: Path, reference_m: np.ndarray, evaluations: Sequence[TrajectoryEvaluation]) -> None:
+    """Write trajectory.png, trajectory.svg, error.png and error.svg.
+
+    Args:
+        directory: an existing folder.
+        reference_m: (M, 3) float64 positions of the reference in its world, metres.
+        evaluations: at least one, all against that reference.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    with mpl.rc_context(_STYLE):
+        _save(_trajectory_figure(reference_m, evaluations), directory / "trajectory")
+        _save(_error_figure(evaluations), directory / "error")
+
+
+def _trajectory_figure(reference_m: np.ndarray, evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
+    """Seen along the reference world's z axis, as it is drawn on a floor plan."""
+    figure = Figure(figsize=(6.4, 5.2), layout="constrained")
+    axes = figure.add_subplot(title="Trajectory from above, aligned to the reference", xlabel="x [m]", ylabel="y [m]")
+    axes.plot(reference_m[:, 0], reference_m[:, 1], color=_REFERENCE_COLOUR, linewidth=2.6, label="reference")
+    for colour, evaluation in zip(_colours(evaluations), evaluations):
+        x, y = evaluation.aligned[:, 0, 3], evaluation.aligned[:, 1, 3]
+        axes.plot(x, y, color=colour, linewidth=1.1, label=evaluation.name)
+        axes.plot(x[0], y[0], marker="o", markersize=5, color=colour, markeredgecolor="white")
+    axes.plot([], [], "o", color="#555555", markersize=5, label="first pose")
+    axes.set_aspect("equal", adjustable="datalim")
+    _legend(axes)
+    return figure
+
+
+def _error_figure(evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
+    """The paper's figures 8 and 9: epsilon_i over the distance travelled."""
+    largest_m = max(evaluation.position_errors_m.max() for evaluation in evaluations)
+    unit, factor = ("mm", 1e3) if largest_m < 0.1 else ("m", 1.0)
+    figure = Figure(figsize=(6.4, 3.4), layout="constrained")
+    axes = figure.add_subplot(
+        title="Position error after alignment",
+        xlabel="distance travelled [m]",
+        ylabel=f"position error [{unit}]",
+    )
+    for colour, evaluation in zip(_colours(evaluations), evaluations):
+        label = f"{evaluation.name}: RMSE {evaluation.ate_m.rmse * factor:.3g} {unit}"
+        axes.plot(
+            evaluation.travelled_m, evaluation.position_errors_m * factor, color=colour, linewidth=1.1, label=label
+        )
+    axes.margins(x=0.01)
+    axes.set_ylim(bottom=0.0)
+    _legend(axes)
+    return figure
+
+
+def _colours(evaluations: Sequence[TrajectoryEvaluation]) -> Sequence[str]:
+    return [_COLOURS[index % len(_COLOURS)] for index in range(len(evaluations))]
+
+
+def _legend(axes: Axes) -> None:
+    """Beneath the axes, where it hides nothing."""
+    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+
+
+def _save(figure: Figure, stem: Path) -> None:
+    for suffix, metadata in _METADATA.items():
+        figure.savefig(stem.with_suffix(suffix), dpi=150, metadata=metadata)

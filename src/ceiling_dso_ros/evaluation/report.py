@@ -1,0 +1,191 @@
+"""Evaluates trajectories against a reference; the numbers as JSON and as tables."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Dict, Optional, Sequence, Tuple
+
+import numpy as np
+from tabulate import tabulate
+
+from ceiling_dso_ros.evaluation.alignment import Alignment, AlignmentError, AlignmentKind, align
+from ceiling_dso_ros.evaluation.association import associate, interpolate_poses
+from ceiling_dso_ros.evaluation.errors import (
+    RelativeErrors,
+    Statistics,
+    distance_travelled_m,
+    position_errors,
+    relative_errors,
+    rotation_errors,
+)
+from ceiling_dso_ros.io.trajectory import Trajectory
+
+# Lengths of the sub-trajectories as parts of the whole path, as Zhang and Scaramuzza choose them.
+RELATIVE_LENGTHS = (0.1, 0.2, 0.3, 0.4, 0.5)
+
+
+class EvaluationError(ValueError):
+    """The trajectories cannot be compared; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class TrajectoryEvaluation:
+    """One estimate against the reference.
+
+    Attributes:
+        name: of the trajectory.
+        poses: number of poses of the estimate.
+        pairs: number of them that have a partner in the reference, P.
+        alignment: the transformation of equation (14).
+        aligned: (poses, 4, 4) float64, all poses of the estimate after equation (15).
+        travelled_m: (P,) float64, distance along the reference up to each pair.
+        position_errors_m: (P,) float64, the paper's epsilon_i.
+        rotation_errors_deg: (P,) float64; None where the alignment leaves the orientation open.
+        relative: by length of the sub-trajectories.
+    """
+
+    name: str
+    poses: int
+    pairs: int
+    alignment: Alignment
+    aligned: np.ndarray
+    travelled_m: np.ndarray
+    position_errors_m: np.ndarray
+    rotation_errors_deg: Optional[np.ndarray]
+    relative: Tuple[RelativeErrors, ...]
+
+    @property
+    def ate_m(self) -> Statistics:
+        """Absolute trajectory error."""
+        return Statistics.of(self.position_errors_m)
+
+    @property
+    def path_m(self) -> float:
+        """Length of the reference between the first and the last pair."""
+        return float(self.travelled_m[-1])
+
+    def numbers(self) -> Dict[str, Any]:
+        """Everything but the curves, of types that JSON knows."""
+        rotation = None if self.rotation_errors_deg is None else asdict(Statistics.of(self.rotation_errors_deg))
+        return {
+            "alignment": self.alignment.kind.value,
+            "scale": self.alignment.scale,
+            "rotation_determined": self.alignment.rotation_determined,
+            "poses": self.poses,
+            "pairs": self.pairs,
+            "path_m": self.path_m,
+            "ate_m": asdict(self.ate_m),
+            "rotation_deg": rotation,
+            "relative": [asdict(errors) for errors in self.relative],
+        }
+
+
+def evaluate_trajectory(
+    name: str,
+    estimate: Trajectory,
+    reference: Trajectory,
+    kind: AlignmentKind,
+    max_difference_s: float,
+    interpolate: bool = False,
+) -> TrajectoryEvaluation:
+    """Associate, align and compare: equations (13), (14), (15).
+
+    Args:
+        name: of the estimate.
+        estimate: at least three poses.
+        reference: poses of the same body.
+        kind: which transformation aligns them.
+        max_difference_s: tau of equation (13), seconds.
+        interpolate: take the reference at the very stamps of the estimate instead of at its nearest ones.
+
+    Raises:
+        EvaluationError: no common time, fewer than three pairs, or no motion to take a scale from.
+    """
+    index, reference_index = _pairs(estimate, reference, max_difference_s)
+    if interpolate:
+        stamps_s = np.clip(estimate.stamps_s[index], reference.stamps_s[0], reference.stamps_s[-1])
+        reference_poses = interpolate_poses(reference.stamps_s, reference.matrices(), stamps_s)
+    else:
+        reference_poses = reference.matrices()[reference_index]
+    poses = estimate.matrices()
+    try:
+        alignment = align(poses[index, :3, 3], reference_poses[:, :3, 3], kind)
+    except AlignmentError as error:
+        raise EvaluationError(str(error)) from error
+
+    aligned, planar = alignment.apply(poses), kind.planar
+    travelled_m = distance_travelled_m(reference_poses, planar)
+    lengths_m = travelled_m[-1] * np.array(RELATIVE_LENGTHS)
+    return TrajectoryEvaluation(
+        name=name,
+        poses=len(estimate),
+        pairs=len(index),
+        alignment=alignment,
+        aligned=aligned,
+        travelled_m=travelled_m,
+        position_errors_m=position_errors(aligned[index], reference_poses, planar),
+        rotation_errors_deg=(
+            rotation_errors(aligned[index], reference_poses, planar) if alignment.rotation_determined else None
+        ),
+        relative=relative_errors(aligned[index], reference_poses, lengths_m[lengths_m > 0.0], planar),
+    )
+
+
+def tables(evaluations: Sequence[TrajectoryEvaluation]) -> str:
+    """The absolute and the relative errors, one table each."""
+    absolute = [
+        [
+            evaluation.name,
+            evaluation.alignment.kind.value,
+            evaluation.pairs,
+            f"{evaluation.path_m:.2f}",
+            f"{evaluation.alignment.scale:.4f}",
+            *(f"{value:.4f}" for value in asdict(evaluation.ate_m).values()),
+            "-"
+            if evaluation.rotation_errors_deg is None
+            else f"{Statistics.of(evaluation.rotation_errors_deg).rmse:.3f}",
+        ]
+        for evaluation in evaluations
+    ]
+    relative = [
+        [
+            evaluation.name,
+            f"{errors.length_m:.2f}",
+            errors.count,
+            f"{errors.translation_percent.mean:.3f}",
+            f"{errors.rotation_deg_per_m.mean:.4f}",
+            f"{errors.yaw_deg_per_m.mean:.4f}",
+        ]
+        for evaluation in evaluations
+        for errors in evaluation.relative
+    ]
+    absolute_headers = (
+        "trajectory",
+        "align",
+        "pairs",
+        "path m",
+        "scale",
+        "ATE rmse m",
+        "mean",
+        "median",
+        "max",
+        "rot deg",
+    )
+    relative_headers = ("trajectory", "length m", "parts", "translation %", "rotation deg/m", "yaw deg/m")
+    return "\n\n".join(
+        tabulate(rows, headers=headers, disable_numparse=True, colalign=("left", *["right"] * (len(headers) - 1)))
+        for rows, headers in ((absolute, absolute_headers), (relative, relative_headers))
+        if rows
+    )
+
+
+def _pairs(estimate: Trajectory, reference: Trajectory, max_difference_s: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Equation (13), with an error that says what to do when there is too little in common."""
+    index, reference_index = associate(estimate.stamps_s, reference.stamps_s, max_difference_s)
+    if len(index) == 0:
+        (start, end), (reference_start, reference_end) = (
+            (trajectory.stamps_s[0], trajectory.stamps_s[-1]) for trajectory in (estimate, reference)
+        )
+        ranges = f"it covers {start:.3f} to {end:.3f} s, the reference {reference_start:.3f} to {reference_end:.3f} s"
+        if start > reference_end or end < reference_start:
+            raise EvaluationError(f"no overlap in time: {ranges}")
+        raise EvaluationError(f"no stamps within {max_difference_s} s of each other; {ranges}: raise --max-difference")
+    return index, reference_index
