@@ -23,8 +23,8 @@ python_environment() {
     say "installing $requirements into $dir with $("$python" --version)"
     rm -f "$dir"/*.stamp
     "$python" -m venv "$@" "$dir"
-    # Ubuntu 20.04's own pip does not know today's wheel names.
-    "$dir/bin/python" -m pip install --quiet pip==25.0.1
+    # Ubuntu 20.04's own pip is too old for the wheels.
+    "$dir/bin/python" -m pip install --quiet "pip>=20.3"
     "$dir/bin/python" -m pip install --quiet --requirement "$requirements"
     printf '%s\n' "$key" >"$dir/$requirements.stamp"
 }
