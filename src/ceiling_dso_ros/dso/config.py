@@ -21,14 +21,101 @@ class WindowConfig:
     """The keyframe window and its points."""
 
     max_keyframes: int = 7
-    candidate_points: int = 1500
-    active_points: int = 2000
+    min_keyframes: int = 5  # fewer are never marginalised for want of points
+    candidate_points: int = 1500  # new ones per keyframe
+    active_points: int = 2000  # in the whole window
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         require(3 <= self.max_keyframes <= 30, f"window.max_keyframes={self.max_keyframes}: 3 to 30")
+        require(
+            2 <= self.min_keyframes <= self.max_keyframes,
+            f"window.min_keyframes={self.min_keyframes}: 2 to window.max_keyframes ({self.max_keyframes})",
+        )
         require(50 <= self.candidate_points <= 20000, f"window.candidate_points={self.candidate_points}: 50 to 20000")
         require(50 <= self.active_points <= 20000, f"window.active_points={self.active_points}: 50 to 20000")
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """Coarse-to-fine tracking of a new frame against the newest keyframe."""
+
+    cutoff: float = 20.0  # grey levels
+    affine_a_information: float = 0.0  # per point, pulls a towards the keyframe's
+    affine_b_information: float = 0.0
+    max_rmse_growth: float = 1.5  # a hypothesis is given up, or found good, relative to the best known error
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(self.cutoff > 0, f"tracking.cutoff={self.cutoff}: positive grey levels")
+        require(self.max_rmse_growth > 1, f"tracking.max_rmse_growth={self.max_rmse_growth}: above 1")
+
+
+@dataclass(frozen=True)
+class TracingConfig:
+    """Search of candidates along their epipolar lines."""
+
+    reach: float = 0.027  # longest search, share of width + height
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(0.001 <= self.reach <= 0.06, f"tracing.reach={self.reach}: 0.001 to 0.06 of width + height")
+
+
+@dataclass(frozen=True)
+class ActivationConfig:
+    """Promotion of candidates to active points."""
+
+    iterations: int = 3
+    min_hessian: float = 100.0
+    max_interval: float = 8.0  # pixels
+    min_quality: float = 3.0  # second best over best energy of the search
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(self.iterations >= 1, f"activation.iterations={self.iterations}: at least 1")
+        require(self.max_interval > 0, f"activation.max_interval={self.max_interval}: positive pixels")
+
+
+@dataclass(frozen=True)
+class OptimizationConfig:
+    """Windowed bundle adjustment and marginalisation."""
+
+    iterations: int = 6
+    first_iterations: int = 15  # while there are fewer than 4 keyframes
+    marginalization_weight: float = 0.25
+    point_min_hessian: float = 50.0  # points below it are dropped instead of marginalised
+    point_min_good_residuals: int = 4
+    point_min_live_residuals: int = 3
+    intrinsics_information: float = 2e6  # 1 / px^2
+    affine_a_information: float = 0.0
+    affine_b_information: float = 0.0
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(1 <= self.iterations <= 50, f"optimization.iterations={self.iterations}: 1 to 50")
+        require(1 <= self.first_iterations <= 50, f"optimization.first_iterations={self.first_iterations}: 1 to 50")
+        require(
+            0 < self.marginalization_weight <= 1,
+            f"optimization.marginalization_weight={self.marginalization_weight}: above 0, at most 1",
+        )
+        require(self.intrinsics_information >= 0, "optimization.intrinsics_information: not negative")
+
+
+@dataclass(frozen=True)
+class KeyframeConfig:
+    """When a frame becomes a keyframe: the sum of the three terms exceeds one."""
+
+    translation_weight: float = 44.8  # on the root mean squared flow by translation, divided by width + height
+    motion_weight: float = 22.4  # on that of the whole motion
+    brightness_weight: float = 2.0  # on |ln alpha|
+    max_rmse_growth: float = 2.0  # of the first error on the keyframe
+    min_flow: float = 0.5  # pixels; below it the camera stands still and nothing is gained
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        for name in ("translation_weight", "motion_weight", "brightness_weight", "min_flow"):
+            require(getattr(self, name) >= 0, f"keyframe.{name}={getattr(self, name)}: not negative")
 
 
 @dataclass(frozen=True)
@@ -36,7 +123,13 @@ class OdometryConfig:
     """All settings of `DirectOdometry`."""
 
     window: WindowConfig = field(default_factory=WindowConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    tracing: TracingConfig = field(default_factory=TracingConfig)
+    activation: ActivationConfig = field(default_factory=ActivationConfig)
+    optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
+    keyframe: KeyframeConfig = field(default_factory=KeyframeConfig)
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
-        self.window.check()
+        for part in (self.window, self.tracking, self.tracing, self.activation, self.optimization, self.keyframe):
+            part.check()

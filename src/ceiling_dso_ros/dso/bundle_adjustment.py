@@ -1,0 +1,145 @@
+"""Windowed photometric bundle adjustment: Gauss-Newton over poses, brightness, intrinsics and inverse depths."""
+
+from typing import Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.config import OptimizationConfig
+from ceiling_dso_ros.dso.linearization import Linearization
+from ceiling_dso_ros.dso.points import INLIER, NONE
+from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
+
+DAMPING = 1e-5
+PRECONDITIONER = 10.0
+# Smallest RMS steps worth another iteration: translation (times mean inverse depth), rotation, a, b.
+MIN_STEP = np.array([3e-5, 6e-5, 6e-3, 6e-2])
+
+
+def affine_prior(window: KeyframeWindow, information: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Diagonal and gradient of the prior that pulls every keyframe's (a, b) to zero, each (4 + 8 n,) float64."""
+    n = window.count
+    diagonal = np.zeros(INTRINSICS + FRAME_PARAMETERS * n)
+    gradient = np.zeros_like(diagonal)
+    blocks = slice(INTRINSICS, None)
+    diagonal[blocks].reshape(n, FRAME_PARAMETERS)[:, 6:] = information
+    gradient[blocks].reshape(n, FRAME_PARAMETERS)[:, 6:] = information * window.keyframes.affine[:n]
+    return diagonal, gradient
+
+
+def null_space(window: KeyframeWindow) -> np.ndarray:
+    """Orthonormal basis, (4 + 8 n, 7) float64, of what images cannot see: the world's pose and the unit of length."""
+    n = window.count
+    basis = np.zeros((INTRINSICS + FRAME_PARAMETERS * n, 7))
+    for slot in range(n):
+        T = window.keyframes.T_camera_world_eval[slot]
+        first = INTRINSICS + FRAME_PARAMETERS * slot
+        R, t = T[:3, :3], T[:3, 3]
+        basis[first : first + 3, :3] = R
+        basis[first : first + 3, 3:6] = np.cross(t[:, None], R, axis=0)
+        basis[first + 3 : first + 6, 3:6] = R
+        basis[first : first + 3, 6] = t
+    U, singular, _ = np.linalg.svd(basis, full_matrices=False)
+    return U[:, singular > 1e-6 * singular[0]]
+
+
+def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Step x of H x = -b, H symmetric positive semi-definite (n, n) float64, after scaling the diagonal to about one."""
+    scale = 1.0 / np.sqrt(np.diag(H) + PRECONDITIONER)
+    scaled = scale[:, None] * H * scale
+    scaled[np.diag_indices_from(scaled)] *= 1.0 + DAMPING
+    return -scale * np.linalg.solve(scaled, scale * b)
+
+
+class BundleAdjustment:
+    """Refines a window. Holds memory only: the estimate lives in the window."""
+
+    def __init__(self, window: KeyframeWindow, config: OptimizationConfig) -> None:
+        self.config = config
+        self.linearization = Linearization(window.keyframes.offset.shape[0], window.points.capacity)
+        self.affine_information = np.array([config.affine_a_information, config.affine_b_information])
+
+    def optimize(self, window: KeyframeWindow) -> float:
+        """Refine the window; removes residuals that end as outliers or outside. Returns the RMSE in grey levels."""
+        iterations = self.config.iterations if window.count >= 4 else self.config.first_iterations
+        window.relinearize(window.newest)
+        self._linearize(window)
+        for iteration in range(iterations):
+            step = self._step(window, project=iteration > 0)
+            idepth_step = self.linearization.idepth_steps(window, step)
+            window.move(step)
+            window.points.arrays.idepth[: window.points.count] += idepth_step
+            self._linearize(window)
+            if self._converged(window, step):
+                break
+        self._settle(window)
+        window.relinearize(window.newest)
+        return float(np.sqrt(self.linearization.energy / max(8 * self.linearization.count, 1)))
+
+    def marginalize_points(self, window: KeyframeWindow, leaving: np.ndarray) -> None:
+        """Turn the residuals of points, (count,) bool, into a part of the window's prior."""
+        count = window.points.count
+        live = window.points.residuals.live[:, :count]
+        kept = live.copy()
+        live[:, ~leaving] = 0
+        self.linearization.update(window)
+        live[:] = kept
+        weight = self.config.marginalization_weight
+        H, b = self.linearization.H, self.linearization.b
+        window.prior.H[:] += weight * H
+        window.prior.b[:] += weight * (b - H @ window.offsets)
+
+    def _linearize(self, window: KeyframeWindow) -> None:
+        self.linearization.update(window)
+        newest = window.newest
+        count = window.points.count
+        live = window.points.residuals.live[newest, :count] > 0
+        energies = window.points.residuals.energy[newest, :count][live]
+        if energies.size:
+            quantile = np.sqrt(np.quantile(energies, 0.7))
+            window.keyframes.energy_threshold[newest] = (0.5 * 26.0 + 0.5 * 1.5 * quantile) ** 2
+
+    def _step(self, window: KeyframeWindow, project: bool) -> np.ndarray:
+        diagonal, gradient = affine_prior(window, self.affine_information)
+        H = self.linearization.H + window.prior.H
+        H[np.diag_indices_from(H)] += diagonal
+        b = self.linearization.b + window.prior.b + window.prior.H @ window.offsets + gradient
+        step = solve(H, b)
+        if project:
+            basis = null_space(window)
+            step -= basis @ (basis.T @ step)
+        return step
+
+    @staticmethod
+    def _converged(window: KeyframeWindow, step: np.ndarray) -> bool:
+        frames = step[INTRINSICS:].reshape(window.count, FRAME_PARAMETERS)
+        mean_idepth = float(np.mean(window.points.arrays.idepth[: window.points.count]))
+        rms = np.sqrt(np.mean(frames * frames, axis=0))
+        sizes = [rms[:3].max() * mean_idepth, rms[3:6].max(), rms[6], rms[7]]
+        return bool(np.all(sizes < MIN_STEP))
+
+    @staticmethod
+    def _settle(window: KeyframeWindow) -> None:
+        """Keep inliers only."""
+        count = window.points.count
+        residuals = window.points.residuals
+        live = residuals.live[:, :count]
+        live &= residuals.state[:, :count] == INLIER
+        residuals.state[:, :count][(live == 0) & (residuals.state[:, :count] == INLIER)] = NONE
+        window.points.arrays.good_residuals[:count] += live[window.newest]
+
+
+def marginalize_keyframe(window: KeyframeWindow, slot: int, affine_information: np.ndarray) -> None:
+    """Eliminate a keyframe from the prior by Schur complement and remove it from the window."""
+    diagonal, gradient = affine_prior(window, affine_information)
+    first = INTRINSICS + FRAME_PARAMETERS * slot
+    block = np.arange(first, first + FRAME_PARAMETERS)
+    rest = np.setdiff1d(np.arange(window.prior.b.size), block)
+    H, b = window.prior.H.copy(), window.prior.b.copy()
+    H[block, block] += diagonal[block]
+    b[block] += gradient[block] - diagonal[block] * window.offsets[block]
+    scale = 1.0 / np.sqrt(np.diag(H)[block] + PRECONDITIONER)
+    inverse = scale[:, None] * np.linalg.pinv(scale[:, None] * H[np.ix_(block, block)] * scale, hermitian=True) * scale
+    gain = H[np.ix_(rest, block)] @ inverse
+    reduced = H[np.ix_(rest, rest)] - gain @ H[np.ix_(block, rest)]
+    window.remove_keyframe(slot)
+    window.prior = type(window.prior)(0.5 * (reduced + reduced.T), b[rest] - gain @ b[block])

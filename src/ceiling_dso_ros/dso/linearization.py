@@ -1,0 +1,325 @@
+"""Linearisation of the whole window: residual states, normal equations per host, Schur complement over inverse depths."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.jit import kernel
+from ceiling_dso_ros.dso.pair_geometry import PairGeometry, pair_geometry
+from ceiling_dso_ros.dso.points import INLIER, OUT_OF_BOUNDS, OUTLIER, RELATIVE_PARAMETERS, PointArrays, ResidualArrays
+from ceiling_dso_ros.dso.residual_kernels import (
+    COLUMNS,
+    GEOMETRY,
+    MIN_GRADIENT,
+    PixelSums,
+    add_combination,
+    add_dots,
+    combine,
+    fill_jacobian,
+    pixel_sums,
+    sum_pattern,
+)
+from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeArrays, KeyframeWindow
+
+MIN_IDEPTH_HESSIAN = np.float32(1e-6)
+
+
+class Scratch(NamedTuple):
+    """Memory that one linearisation works in; float32.
+
+    Attributes:
+        sums: per residual of a pair.
+        jacobian_x, jacobian_y: (11, capacity) geometry and idepth columns.
+        weighted_x, weighted_y: (13, capacity) the same times the weights, with gain, offset and residual.
+        depth_rows, scaled_rows: (4 + 8 slots + 1, capacity) rows for the Schur complement.
+    """
+
+    sums: PixelSums
+    jacobian_x: np.ndarray
+    jacobian_y: np.ndarray
+    weighted_x: np.ndarray
+    weighted_y: np.ndarray
+    depth_rows: np.ndarray
+    scaled_rows: np.ndarray
+
+
+def scratch_memory(slots: int, capacity: int) -> Scratch:
+    """Scratch for hosts of up to `capacity` points in a window of `slots` keyframes."""
+    schur_rows = INTRINSICS + RELATIVE_PARAMETERS * slots + 1
+    rows = (GEOMETRY + 1, GEOMETRY + 1, COLUMNS, COLUMNS, schur_rows, schur_rows)
+    return Scratch(pixel_sums(capacity), *(np.zeros((r, capacity), np.float32) for r in rows))
+
+
+@kernel
+def classify(
+    live: np.ndarray, state: np.ndarray, energy: np.ndarray, threshold: np.float32, sums: PixelSums
+) -> tuple:
+    """Decide which residuals of a pair are inliers and silence the others' sums.
+
+    Returns:
+        Sum of energies, outliers counted with the threshold, and the number of live residuals in the image.
+    """
+    total, count = np.float32(0), 0
+    for i in range(live.size):
+        active = np.float32(0)
+        if live[i]:
+            if sums.in_bounds[i] == 0:
+                state[i] = OUT_OF_BOUNDS
+            else:
+                energy[i] = sums.energy[i]
+                count += 1
+                if sums.energy[i] > threshold or sums.gradient[i] < MIN_GRADIENT:
+                    state[i] = OUTLIER
+                    total += threshold
+                else:
+                    state[i] = INLIER
+                    total += sums.energy[i]
+                    active = np.float32(1)
+        if active == 0:
+            sums.gxx[i] = sums.gxy[i] = sums.gyy[i] = 0
+            sums.dx[i] = sums.dy[i] = sums.ox[i] = sums.oy[i] = sums.rx[i] = sums.ry[i] = 0
+            sums.dd[i] = sums.do[i] = sums.oo[i] = sums.dr[i] = sums.or_[i] = 0
+    return total, count
+
+
+@kernel
+def add_pair(
+    points: PointArrays, idepth_relative: np.ndarray, first: int, last: int, intrinsics: np.ndarray,
+    R: np.ndarray, t: np.ndarray, scratch: Scratch, pair_system: np.ndarray,
+) -> None:  # fmt: skip
+    """From the sums of a pair to its (13, 13) normal equations and to the inverse depths' rows."""
+    n = last - first
+    jx, jy, wx, wy, s = scratch.jacobian_x, scratch.jacobian_y, scratch.weighted_x, scratch.weighted_y, scratch.sums
+    gxx, gxy, gyy = s.gxx[:n], s.gxy[:n], s.gyy[:n]
+    rows_x = (jx[0], jx[1], jx[2], jx[3], jx[4], jx[5], jx[6], jx[7], jx[8], jx[9], jx[10])
+    rows_y = (jy[0], jy[1], jy[2], jy[3], jy[4], jy[5], jy[6], jy[7], jy[8], jy[9], jy[10])
+    fill_jacobian(
+        points.u[first:last], points.v[first:last], points.idepth[first:last], intrinsics, R, t, rows_x, rows_y
+    )
+    for c in range(GEOMETRY):
+        combine(gxx, jx[c, :n], gxy, jy[c, :n], wx[c, :n])
+        combine(gxy, jx[c, :n], gyy, jy[c, :n], wy[c, :n])
+    wx[GEOMETRY, :n], wx[GEOMETRY + 1, :n], wx[GEOMETRY + 2, :n] = s.dx[:n], s.ox[:n], s.rx[:n]
+    wy[GEOMETRY, :n], wy[GEOMETRY + 1, :n], wy[GEOMETRY + 2, :n] = s.dy[:n], s.oy[:n], s.ry[:n]
+    add_dots(jx, wx, n, GEOMETRY, pair_system)
+    add_dots(jy, wy, n, GEOMETRY, pair_system)
+    pair_system[10, 10] += s.dd[:n].sum()
+    pair_system[10, 11] += s.do[:n].sum()
+    pair_system[10, 12] += s.dr[:n].sum()
+    pair_system[11, 11] += s.oo[:n].sum()
+    pair_system[11, 12] += s.or_[:n].sum()
+
+    depth_x, depth_y = jx[GEOMETRY, :n], jy[GEOMETRY, :n]
+    for c in range(INTRINSICS):
+        add_combination(wx[c, :n], depth_x, wy[c, :n], depth_y, points.idepth_intrinsics[c, first:last])
+    for c in range(RELATIVE_PARAMETERS):
+        row = INTRINSICS + c
+        combine(wx[row, :n], depth_x, wy[row, :n], depth_y, idepth_relative[c, first:last])
+    add_combination(wx[12, :n], depth_x, wy[12, :n], depth_y, points.idepth_gradient[first:last])
+    combine(gxx, depth_x, gxy, depth_y, wx[0, :n])
+    combine(gxy, depth_x, gyy, depth_y, wy[0, :n])
+    add_combination(wx[0, :n], depth_x, wy[0, :n], depth_y, points.idepth_hessian[first:last])
+
+
+@kernel
+def linearize_host(
+    host: int, n: int, first: int, last: int, points: PointArrays, residuals: ResidualArrays, keyframes: KeyframeArrays,
+    pairs: PairGeometry, images: np.ndarray, width: int, height: int, intrinsics: np.ndarray, scratch: Scratch,
+    system: np.ndarray,
+) -> tuple:  # fmt: skip
+    """Linearise all residuals of one host's points.
+
+    Args:
+        host, n: slot of the host, number of keyframes.
+        first, last: range of its points.
+        points, residuals: states, energies and the inverse depths' rows are updated.
+        images: pool of pyramids, level 0 first in each row.
+        system: (4 + 8 n + 1, same) float64 output, symmetric normal equations in (intrinsics, relative parameters into
+            every target, residual), without the Schur complement.
+
+    Returns:
+        Sum of energies and number of residuals.
+    """
+    system[:] = 0.0
+    points.idepth_hessian[first:last] = 0
+    points.idepth_gradient[first:last] = 0
+    points.idepth_intrinsics[:, first:last] = 0
+    energy, count = 0.0, 0
+    end = INTRINSICS + RELATIVE_PARAMETERS * n
+    pair_system = np.empty((COLUMNS, COLUMNS))
+    for target in range(n):
+        if target == host:
+            continue
+        sum_pattern(
+            images[keyframes.image_slot[target]], width, height, pairs.KRKi[host, target], pairs.Kt[host, target],
+            pairs.gain[host, target], pairs.offset[host, target], np.float32(keyframes.affine_eval[host, 1]),
+            points.u, points.v, points.idepth, points.grey, points.weight, first, last, scratch.sums,
+        )  # fmt: skip
+        threshold = max(keyframes.energy_threshold[host], keyframes.energy_threshold[target])
+        pair_energy, pair_count = classify(
+            residuals.live[target, first:last], residuals.state[target, first:last],
+            residuals.energy[target, first:last], threshold, scratch.sums,
+        )  # fmt: skip
+        energy += pair_energy
+        count += pair_count
+        pair_system[:] = 0.0
+        add_pair(
+            points, residuals.idepth_relative[target], first, last, intrinsics,
+            pairs.R_eval[host, target], pairs.t_eval[host, target], scratch, pair_system,
+        )  # fmt: skip
+        o = INTRINSICS + RELATIVE_PARAMETERS * target
+        for i in range(COLUMNS):
+            row = i if i < INTRINSICS else (end if i == COLUMNS - 1 else o + i - INTRINSICS)
+            for j in range(i, COLUMNS):
+                column = j if j < INTRINSICS else (end if j == COLUMNS - 1 else o + j - INTRINSICS)
+                system[row, column] += pair_system[i, j]
+                if row != column:
+                    system[column, row] += pair_system[i, j]
+    return energy, count
+
+
+@kernel
+def subtract_schur(
+    host: int, n: int, first: int, last: int, points: PointArrays, idepth_relative: np.ndarray,
+    scratch: Scratch, system: np.ndarray,
+) -> None:  # fmt: skip
+    """Eliminate the inverse depths of a host's points from its system."""
+    m = last - first
+    rows, scaled = scratch.depth_rows, scratch.scaled_rows
+    targets = np.array([target for target in range(n) if target != host])
+    used = INTRINSICS + RELATIVE_PARAMETERS * targets.size + 1
+    rows[:INTRINSICS, :m] = points.idepth_intrinsics[:, first:last]
+    for k, target in enumerate(targets):
+        o = INTRINSICS + RELATIVE_PARAMETERS * k
+        rows[o : o + RELATIVE_PARAMETERS, :m] = idepth_relative[target, :, first:last]
+    rows[used - 1, :m] = points.idepth_gradient[first:last]
+    inverse = np.empty(m, np.float32)
+    for i in range(m):
+        hessian = points.idepth_hessian[first + i]
+        inverse[i] = np.float32(1) / hessian if hessian > MIN_IDEPTH_HESSIAN else np.float32(0)
+    for row in range(used):
+        for i in range(m):
+            scaled[row, i] = rows[row, i] * inverse[i]
+    product = np.zeros((used, used))
+    add_dots(rows, scaled[:used], m, used, product)
+    position = np.empty(used, np.int64)
+    position[:INTRINSICS] = np.arange(INTRINSICS)
+    position[used - 1] = INTRINSICS + RELATIVE_PARAMETERS * n
+    for k, target in enumerate(targets):
+        for c in range(RELATIVE_PARAMETERS):
+            position[INTRINSICS + RELATIVE_PARAMETERS * k + c] = INTRINSICS + RELATIVE_PARAMETERS * target + c
+    for i in range(used):
+        for j in range(i, used):
+            system[position[i], position[j]] -= product[i, j]
+            if i != j:
+                system[position[j], position[i]] -= product[i, j]
+
+
+@kernel
+def relative_from_absolute(host: int, n: int, pairs: PairGeometry) -> np.ndarray:
+    """Derivative of (intrinsics, relative parameters of a host) by (intrinsics, keyframes), (4 + 8 n, same) float64.
+
+    With left increments the relative motion moves by d_target - Ad(T_target_host) d_host. The columns for gain and
+    offset were I_host - b_host and 1; d r / d (a, b) is -gain and -1 times those for the target, +gain for the host.
+    """
+    size = INTRINSICS + FRAME_PARAMETERS * n
+    result = np.zeros((size, size))
+    for i in range(INTRINSICS):
+        result[i, i] = 1.0
+    h = INTRINSICS + FRAME_PARAMETERS * host
+    for target in range(n):
+        if target == host:
+            continue
+        t = INTRINSICS + FRAME_PARAMETERS * target
+        gain = np.float64(pairs.gain_eval[host, target])
+        for i in range(6):
+            result[t + i, t + i] = 1.0
+            for j in range(6):
+                result[t + i, h + j] = -pairs.adjoint_eval[host, target, i, j]
+        result[t + 6, t + 6], result[t + 7, t + 7] = -gain, -1.0
+        result[t + 6, h + 6], result[t + 7, h + 7] = gain, gain
+    return result
+
+
+@kernel
+def linearize_window(
+    n: int, ranges: np.ndarray, points: PointArrays, residuals: ResidualArrays, keyframes: KeyframeArrays,
+    pairs: PairGeometry, images: np.ndarray, width: int, height: int, intrinsics: np.ndarray,
+    scratch: Scratch, H: np.ndarray, b: np.ndarray,
+) -> tuple:  # fmt: skip
+    """Normal equations of all residuals, inverse depths eliminated, into H and b = J^T W r; returns energy and count."""
+    H[:] = 0.0
+    b[:] = 0.0
+    end = INTRINSICS + RELATIVE_PARAMETERS * n
+    system = np.empty((end + 1, end + 1))
+    energy, count = 0.0, 0
+    for host in range(n):
+        first, last = ranges[host], ranges[host + 1]
+        if first == last:
+            continue
+        host_energy, host_count = linearize_host(
+            host, n, first, last, points, residuals, keyframes, pairs, images, width, height, intrinsics, scratch, system
+        )
+        energy += host_energy
+        count += host_count
+        subtract_schur(host, n, first, last, points, residuals.idepth_relative, scratch, system)
+        B = relative_from_absolute(host, n, pairs)
+        H += B.T @ np.ascontiguousarray(system[:end, :end]) @ B
+        b += B.T @ np.ascontiguousarray(system[:end, end])
+    return energy, count
+
+
+@kernel
+def idepth_steps(
+    n: int, ranges: np.ndarray, points: PointArrays, residuals: ResidualArrays, pairs: PairGeometry, step: np.ndarray
+) -> np.ndarray:
+    """Back substitution: the step of every inverse depth, (count,) float32, for a step of (intrinsics, keyframes)."""
+    result = np.zeros(ranges[n], np.float32)
+    for host in range(n):
+        first, last = ranges[host], ranges[host + 1]
+        relative = (relative_from_absolute(host, n, pairs) @ step).astype(np.float32)
+        total = points.idepth_gradient[first:last].copy()
+        for c in range(INTRINSICS):
+            total += points.idepth_intrinsics[c, first:last] * relative[c]
+        for target in range(n):
+            if target != host:
+                for c in range(RELATIVE_PARAMETERS):
+                    change = relative[INTRINSICS + RELATIVE_PARAMETERS * target + c]
+                    total += residuals.idepth_relative[target, c, first:last] * change
+        for i in range(last - first):
+            hessian = points.idepth_hessian[first + i]
+            result[first + i] = -total[i] / hessian if hessian > MIN_IDEPTH_HESSIAN else np.float32(0)
+    return result
+
+
+class Linearization:
+    """The window's photometric energy, quadratic around the current estimate.
+
+    Attributes:
+        H, b: (4 + 8 n,) float64 normal equations with the inverse depths eliminated, H x = -b.
+        energy, count: sum of energies and number of residuals.
+    """
+
+    def __init__(self, slots: int, capacity: int) -> None:
+        self._scratch = scratch_memory(slots, capacity)
+        self.H, self.b = np.zeros((0, 0)), np.zeros(0)
+        self.energy, self.count = 0.0, 0
+
+    def update(self, window: KeyframeWindow) -> None:
+        """Linearise the live residuals at the window's estimate."""
+        n = window.count
+        self._ranges = window.points.host_ranges(n)
+        self._pairs = pair_geometry(window.keyframes, n, window.intrinsics)
+        size = INTRINSICS + FRAME_PARAMETERS * n
+        self.H, self.b = np.empty((size, size)), np.empty(size)
+        self.energy, self.count = linearize_window(
+            n, self._ranges, window.points.arrays, window.points.residuals, window.keyframes, self._pairs,
+            window.pool.buffers, window.width, window.height, window.intrinsics.astype(np.float32),
+            self._scratch, self.H, self.b,
+        )  # fmt: skip
+
+    def idepth_steps(self, window: KeyframeWindow, step: np.ndarray) -> np.ndarray:
+        """Steps of the inverse depths, (points,) float32, that belong to a step of the other parameters."""
+        return idepth_steps(
+            window.count, self._ranges, window.points.arrays, window.points.residuals, self._pairs, step
+        )
