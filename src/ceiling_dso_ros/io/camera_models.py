@@ -1,0 +1,210 @@
+"""Camera calibrations: from `camera.txt` or a camera_info to a raw camera and the pinhole it is undistorted to."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import List, Sequence, Tuple, Union
+
+import numpy as np
+
+from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.lens_models import LensCamera
+from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
+from ceiling_dso_ros.io.text_files import read_lines
+
+# Lens model -> what follows the name in the first line of camera.txt.
+CAMERA_FILE_NUMBERS = {
+    "Pinhole": "fx fy cx cy 0",
+    "RadTan": "fx fy cx cy k1 k2 p1 p2",
+    "EquiDistant": "fx fy cx cy k1 k2 k3 k4",
+    "FOV": "fx fy cx cy omega",
+}
+CAMERA_INFO_COEFFICIENTS = {
+    "plumb_bob": ("RadTan", (4, 5)),
+    "rational_polynomial": ("RadTan", (8,)),
+    "equidistant": ("EquiDistant", (4,)),
+}
+
+
+@dataclass(frozen=True)
+class CameraCalibration:
+    """A raw camera and the pinhole that its images are undistorted to.
+
+    Attributes:
+        lens: the raw camera.
+        camera: the undistorted camera.
+    """
+
+    lens: LensCamera
+    camera: PinholeCamera
+
+    @property
+    def keeps_images(self) -> bool:
+        """Raw images are those of the pinhole already."""
+        lens, camera = self.lens, self.camera
+        same = (lens.fx, lens.fy, lens.cx, lens.cy) == (camera.fx, camera.fy, camera.cx, camera.cy)
+        return same and lens.model == "Pinhole" and (lens.width, lens.height) == (camera.width, camera.height)
+
+
+def read_camera_file(path: Union[str, Path]) -> CameraCalibration:
+    """Read the four lines of a TUM-mono `camera.txt`: lens, input size, output, output size.
+
+    Intrinsics may be relative to the image size, where fx = fx_relative * width and cx = cx_relative * width - 0.5.
+
+    Raises:
+        InputError: naming the line and what was expected there.
+    """
+    lines = read_lines(Path(path))
+    if len(lines) != 4:
+        raise InputError(
+            f"{path}: {len(lines)} lines instead of 4: lens, 'width height', output (crop, full, none or "
+            "'fx fy cx cy 0'), 'width height' of the output"
+        )
+    (lens_where, lens_line), (size_where, size_line), (output_where, output_line), (out_where, out_line) = lines
+    size = _parse_size(size_line, size_where)
+    lens = _parse_lens(lens_line, size, lens_where)
+    out_size = _parse_size(out_line, out_where)
+    return CameraCalibration(lens, _parse_output(output_line, lens, out_size, output_where))
+
+
+def calibration_from_camera_info(
+    width: int,
+    height: int,
+    distortion_model: str,
+    D: Sequence[float],
+    K: Sequence[float],
+    P: Sequence[float] = (),
+    rectified: bool = False,
+    source: str = "camera_info",
+) -> CameraCalibration:
+    """Calibration of the fields of a sensor_msgs/CameraInfo.
+
+    Distorted images are undistorted with `crop`. Images without distortion are used as they are.
+
+    Args:
+        width: pixels.
+        height: pixels.
+        distortion_model: plumb_bob, rational_polynomial or equidistant; of no importance where D is empty or zero.
+        D: coefficients of the raw image.
+        K: (9,) or (3, 3) of the raw image.
+        P: (12,) or (3, 4), needed when rectified.
+        rectified: the images are those that P describes, K and D are ignored.
+        source: names the message in errors.
+
+    Raises:
+        InputError: the numbers describe no camera.
+    """
+    matrix = np.asarray(P if rectified else K, dtype=np.float64).reshape(-1)
+    columns = 4 if rectified else 3
+    if matrix.size != 3 * columns:
+        raise InputError(f"{source}: {'P' if rectified else 'K'} has {matrix.size} numbers instead of {3 * columns}")
+    intrinsics = tuple(matrix[[0, columns + 1, 2, columns + 2]].tolist())
+    model, distortion = ("Pinhole", ()) if rectified else _lens_of_camera_info(distortion_model, D, source)
+    try:
+        lens = LensCamera(model, *intrinsics, distortion, width, height)
+        return CameraCalibration(lens, crop_camera(lens, width, height))
+    except ValueError as error:
+        raise InputError(f"{source}: {error}; is the camera calibrated?") from error
+
+
+def _lens_of_camera_info(distortion_model: str, D: Sequence[float], source: str) -> Tuple[str, Tuple[float, ...]]:
+    distortion = tuple(float(value) for value in D)
+    if not any(distortion):
+        return "Pinhole", ()
+    if distortion_model not in CAMERA_INFO_COEFFICIENTS:
+        known = ", ".join(CAMERA_INFO_COEFFICIENTS)
+        raise InputError(f"{source}: distortion model '{distortion_model}' is not known, only {known}")
+    model, counts = CAMERA_INFO_COEFFICIENTS[distortion_model]
+    if len(distortion) not in counts:
+        expected = " or ".join(map(str, counts))
+        raise InputError(f"{source}: {len(distortion)} coefficients in D instead of {expected} for {distortion_model}")
+    return model, distortion
+
+
+def _parse_lens(line: str, size: Tuple[int, int], where: str) -> LensCamera:
+    """First line: a model's name and its numbers, or five numbers alone, which are those of FOV."""
+    name, *words = line.split()
+    if name not in CAMERA_FILE_NUMBERS:
+        if name[0].isalpha():
+            raise InputError(f"{where}: the lens model '{name}' is not one of {', '.join(CAMERA_FILE_NUMBERS)}")
+        name, words = "FOV", [name, *words]
+    expected = f"expected '{name} {CAMERA_FILE_NUMBERS[name]}'"
+    numbers = _parse_numbers(words, f"{where}: {expected}")
+    if name == "Pinhole" and len(numbers) == 4:
+        numbers.append(0.0)
+    if len(numbers) != len(CAMERA_FILE_NUMBERS[name].split()):
+        raise InputError(f"{where}: {len(numbers)} numbers; {expected}")
+    distortion = tuple(numbers[4:])
+    if name == "Pinhole" and any(distortion):
+        raise InputError(f"{where}: the fifth number of a Pinhole must be 0; {expected}")
+    if not any(distortion) and name != "EquiDistant":  # a fisheye without coefficients is still a fisheye
+        name, distortion = "Pinhole", ()
+    try:
+        return LensCamera(name, *_in_pixels(numbers[:4], size), distortion, *size)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}; {expected}") from error
+
+
+def _parse_size(line: str, where: str) -> Tuple[int, int]:
+    try:
+        width, height = (int(word) for word in line.split())
+    except ValueError:
+        raise InputError(f"{where}: '{line}'; expected 'width height' in pixels") from None
+    if width <= 0 or height <= 0:
+        raise InputError(f"{where}: the image size {width} {height} must be positive")
+    return width, height
+
+
+def _parse_output(line: str, lens: LensCamera, size: Tuple[int, int], where: str) -> PinholeCamera:
+    """Third line: crop, full, none, or the intrinsics of the output."""
+    try:
+        if line == "crop":
+            return crop_camera(lens, *size)
+        if line == "full":
+            return full_camera(lens, *size)
+        if line == "none":
+            return _unchanged(lens, size)
+        numbers = _parse_output_numbers(line, where)
+        return PinholeCamera(*_in_pixels(numbers, size), *size)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _unchanged(lens: LensCamera, size: Tuple[int, int]) -> PinholeCamera:
+    if lens.model != "Pinhole":
+        raise ValueError(f"'none' leaves images as they are, and those of a {lens.model} lens are distorted; use crop")
+    if size != (lens.width, lens.height):
+        raise ValueError("'none' leaves images as they are, and the output has another size than the input; use crop")
+    return PinholeCamera(lens.fx, lens.fy, lens.cx, lens.cy, *size)
+
+
+def _parse_output_numbers(line: str, where: str) -> List[float]:
+    expected = "expected crop, full, none or 'fx fy cx cy 0' of the output"
+    numbers = _parse_numbers(line.split(), f"{where}: {expected}")
+    if len(numbers) not in (4, 5):
+        raise InputError(f"{where}: {len(numbers)} numbers; {expected}")
+    if any(numbers[4:]):
+        raise InputError(f"{where}: the fifth number must be 0, the output is without distortion; {expected}")
+    return numbers[:4]
+
+
+def _parse_numbers(words: Sequence[str], complaint: str) -> List[float]:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError as error:
+        raise InputError(f"{complaint}; {error}") from None
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{complaint}; a number is not finite")
+    return numbers
+
+
+def _in_pixels(intrinsics: Sequence[float], size: Tuple[int, int]) -> Tuple[float, float, float, float]:
+    """Absolute fx fy cx cy of absolute ones or of those relative to the size."""
+    fx, fy, cx, cy = intrinsics
+    width, height = size
+    small = (fx <= 10, fy <= 10, cx <= 1, cy <= 1)  # fx > 1 occurs: the relative focal length of a tele lens
+    if all(small):
+        return fx * width, fy * height, cx * width - 0.5, cy * height - 0.5
+    if any(small):
+        raise ValueError(f"{fx:g} {fy:g} {cx:g} {cy:g} are neither all in pixels nor all relative to the image size")
+    return fx, fy, cx, cy

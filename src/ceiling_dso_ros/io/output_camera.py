@@ -1,0 +1,98 @@
+"""Chooses the pinhole that a raw camera is undistorted to.
+
+A view is the rectangle (left, right, top, bottom) of ideal coordinates x = X/Z, y = Y/Z at the centres of the outermost
+pixels, (4,) float64.
+"""
+
+from typing import Callable, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.io.lens_models import LensCamera
+
+BISECTIONS = 60  # more than the bits of a float64
+SAMPLES = 4001  # points checked on each side of a view
+
+
+def crop_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
+    """The pinhole of the largest view, width x height pixels, that shows nothing but the raw image.
+
+    Largest means that no side can be moved outwards.
+
+    Raises:
+        ValueError: the coefficients describe no lens, or the size is too small.
+    """
+    if lens.model == "Pinhole" and (width, height) == (lens.width, lens.height):
+        return PinholeCamera(lens.fx, lens.fy, lens.cx, lens.cy, width, height)
+
+    axes = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+    furthest = _reach(lens, axes) * axes.sum(axis=1)
+    view = _grow(lens, np.zeros(4), furthest, furthest)
+    for side in range(4):
+        wider = view.copy()
+        wider[side] = furthest[side]
+        view = _grow(lens, view, wider, furthest)
+    return _pinhole(view, width, height)
+
+
+def full_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
+    """The pinhole of width x height pixels that shows all of the raw image, up to MAX_ANGLE off the axis.
+
+    Raises:
+        ValueError: the coefficients describe no lens, or the size is too small.
+    """
+    if lens.model == "Pinhole" and (width, height) == (lens.width, lens.height):
+        return PinholeCamera(lens.fx, lens.fy, lens.cx, lens.cy, width, height)
+
+    u, v = _border(np.arange(lens.width), np.arange(lens.height))
+    directions = np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy], axis=1)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    edge = directions * _reach(lens, directions)[:, None]
+    (left, top), (right, bottom) = edge.min(axis=0), edge.max(axis=0)
+    return _pinhole(np.array([left, right, top, bottom]), width, height)
+
+
+def _reach(lens: LensCamera, directions: np.ndarray) -> np.ndarray:
+    """How far the raw image extends from the optical axis along directions (N, 2), (N,) ideal coordinates."""
+    furthest = np.full(len(directions), lens.max_radius)
+    return furthest * _bisect(lambda s: lens.sees(*(directions * (s * furthest)[:, None]).T), len(directions))
+
+
+def _grow(lens: LensCamera, view: np.ndarray, wider: np.ndarray, furthest: np.ndarray) -> np.ndarray:
+    """Move a view as far towards a wider one, itself within furthest, as its whole border is seen."""
+    # The samples stay where they are while the view grows: one that touches the image's edge must not begin to slide.
+    x, y = np.linspace(*furthest[:2], SAMPLES), np.linspace(*furthest[2:], SAMPLES)
+
+    def is_seen(s: np.ndarray) -> np.ndarray:
+        left, right, top, bottom = view + s * (wider - view)
+        return lens.sees(*_border(np.clip(x, left, right), np.clip(y, top, bottom))).all(keepdims=True)
+
+    return view + _bisect(is_seen, 1) * (wider - view)
+
+
+def _bisect(holds: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
+    """The largest s in [0, 1], (count,), for which holds(s), where holds is true up to some s and false from there."""
+    low, high = np.zeros(count), np.ones(count)
+    low = np.where(holds(high), high, low)
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        good = holds(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return low
+
+
+def _border(x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Coordinates of all points on the border of the grid that x and y span."""
+    return (
+        np.concatenate([x, x, np.full_like(y, x[0]), np.full_like(y, x[-1])]),
+        np.concatenate([np.full_like(x, y[0]), np.full_like(x, y[-1]), y, y]),
+    )
+
+
+def _pinhole(view: np.ndarray, width: int, height: int) -> PinholeCamera:
+    left, right, top, bottom = view
+    if right - left < 1e-3 or bottom - top < 1e-3:
+        raise ValueError("the distortion coefficients are those of no lens: it would see next to nothing")
+    fx, fy = (width - 1) / (right - left), (height - 1) / (bottom - top)
+    return PinholeCamera(float(fx), float(fy), float(-left * fx), float(-top * fy), width, height)

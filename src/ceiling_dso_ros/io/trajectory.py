@@ -1,0 +1,136 @@
+"""Trajectories in the TUM format: a line `stamp tx ty tz qx qy qz qw` for every pose."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Optional, Sequence, Type, Union
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.stamps import parse_stamp_ns, seconds
+from ceiling_dso_ros.io.text_files import read_lines
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses of one body in one frame over time.
+
+    Attributes:
+        stamps_s: (N,) float64 seconds, increasing.
+        positions: (N, 3) float64.
+        quaternions_xyzw: (N, 4) float64 of unit length.
+    """
+
+    stamps_s: np.ndarray
+    positions: np.ndarray
+    quaternions_xyzw: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    @classmethod
+    def from_matrices(cls, stamps_s: Sequence[float], T_frame_body: Sequence[np.ndarray]) -> "Trajectory":
+        """Trajectory of (N,) stamps and (N, 4, 4) poses."""
+        T = np.asarray(T_frame_body, dtype=np.float64).reshape(-1, 4, 4)
+        quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat() if len(T) else np.zeros((0, 4))
+        return cls(np.asarray(stamps_s, dtype=np.float64), T[:, :3, 3].copy(), quaternions)
+
+    def matrices(self) -> np.ndarray:
+        """T_frame_body, (N, 4, 4) float64."""
+        T = np.tile(np.eye(4), (len(self), 1, 1))
+        if len(self):
+            T[:, :3, :3] = Rotation.from_quat(self.quaternions_xyzw).as_matrix()
+        T[:, :3, 3] = self.positions
+        return T
+
+
+def read_tum(path: Union[str, Path]) -> Trajectory:
+    """Read a TUM file; blank lines and lines that begin with # are skipped, quaternions are normalised.
+
+    Raises:
+        InputError: unreadable or empty file, a line of another form, a number that is not finite, or a stamp that is
+            not later than the one before.
+    """
+    rows = []
+    for where, line in read_lines(Path(path)):
+        row = _parse_line(line, where)
+        if rows and row[0] <= rows[-1][0]:
+            raise InputError(f"{where}: the stamp is not later than the one before; sort the file")
+        rows.append(row)
+    if not rows:
+        raise InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
+    table = np.array(rows)
+    quaternions = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
+    return Trajectory(table[:, 0], table[:, 1:4], quaternions)
+
+
+def _parse_line(line: str, where: str) -> Sequence[float]:
+    try:
+        stamp, *pose = line.replace(",", " ").split()
+        values = [seconds(parse_stamp_ns(stamp)), *map(float, pose)]
+    except ValueError as error:
+        raise InputError(f"{where}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
+    if len(values) != 8:
+        raise InputError(f"{where}: {len(values)} numbers instead of 8: stamp tx ty tz qx qy qz qw")
+    if not np.isfinite(values).all():
+        raise InputError(f"{where}: a number is not finite")
+    if np.linalg.norm(values[4:]) < 1e-6:
+        raise InputError(f"{where}: the quaternion is zero")
+    return values
+
+
+def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:
+    """Write a TUM file; an older one is replaced only when the new one is complete.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    poses = zip(trajectory.stamps_s, trajectory.positions, trajectory.quaternions_xyzw)
+    try:
+        temporary.write_text("".join(_format_line(*pose) for pose in poses))
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write the trajectory: {error.strerror}") from error
+
+
+class TumWriter:
+    """A TUM file that grows with the run: each pose is on disk when `append` returns. A context manager.
+
+    Raises:
+        OutputError: the file cannot be written, from the constructor or `append`.
+    """
+
+    def __init__(self, path: Union[str, Path]) -> None:
+        self.path = Path(path)
+        try:
+            self._file = self.path.open("w", buffering=1)
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot write the trajectory: {error.strerror}") from error
+
+    def append(self, stamp_s: float, T_frame_body: np.ndarray) -> None:
+        """Add the pose (4, 4) of stamp_s."""
+        quaternion = Rotation.from_matrix(T_frame_body[:3, :3]).as_quat()
+        try:
+            self._file.write(_format_line(stamp_s, T_frame_body[:3, 3], quaternion))
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot write the trajectory: {error.strerror}") from error
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> "TumWriter":
+        return self
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
+    ) -> None:
+        self.close()
+
+
+def _format_line(stamp_s: float, position: np.ndarray, quaternion_xyzw: np.ndarray) -> str:
+    return " ".join(f"{value:.9f}" for value in (stamp_s, *position, *quaternion_xyzw)) + "\n"

@@ -1,0 +1,108 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.trajectory import Trajectory, TumWriter, read_tum, write_tum
+
+
+def a_trajectory(count=20):
+    rng = np.random.default_rng(3)
+    stamps_s = 1_700_000_000 + np.arange(count) / 30
+    return Trajectory(stamps_s, rng.normal(size=(count, 3)), Rotation.random(count, random_state=3).as_quat())
+
+
+def test_what_is_written_comes_back(tmp_path):
+    trajectory = a_trajectory()
+    write_tum(tmp_path / "a.tum", trajectory)
+    back = read_tum(tmp_path / "a.tum")
+    np.testing.assert_array_equal(back.stamps_s, trajectory.stamps_s)
+    np.testing.assert_allclose(back.positions, trajectory.positions, atol=1e-9)
+    np.testing.assert_allclose(back.quaternions_xyzw, trajectory.quaternions_xyzw, atol=2e-9)
+    np.testing.assert_allclose(np.linalg.norm(back.quaternions_xyzw, axis=1), 1.0, atol=1e-15)
+
+
+def test_matrices_and_back():
+    trajectory = a_trajectory()
+    T = trajectory.matrices()
+    back = Trajectory.from_matrices(trajectory.stamps_s, T)
+    np.testing.assert_allclose(back.matrices(), T, atol=1e-14)
+    assert Trajectory.from_matrices([], []).matrices().shape == (0, 4, 4)
+
+
+def test_the_live_writer_gives_the_same_file_and_keeps_every_pose_when_it_is_killed(tmp_path):
+    trajectory = Trajectory.from_matrices(a_trajectory().stamps_s, a_trajectory().matrices())
+    write_tum(tmp_path / "whole.tum", trajectory)
+    live = TumWriter(tmp_path / "live.tum")
+    for stamp_s, T in zip(trajectory.stamps_s, trajectory.matrices()):
+        live.append(stamp_s, T)
+    unclosed = (tmp_path / "live.tum").read_text()
+    live.close()
+    assert unclosed.count("\n") == len(trajectory)
+    assert (tmp_path / "live.tum").read_text() == unclosed
+    np.testing.assert_allclose(
+        read_tum(tmp_path / "live.tum").matrices(), read_tum(tmp_path / "whole.tum").matrices(), atol=1e-8
+    )
+
+
+def test_comments_blank_lines_and_long_quaternions(tmp_path):
+    path = tmp_path / "a.tum"
+    path.write_text("# stamp tx ty tz qx qy qz qw\n\n1.5 1 2 3 0 0 0 2\n  # more\n2.5,1,2,3,0,0,3,4\n")
+    trajectory = read_tum(path)
+    np.testing.assert_array_equal(trajectory.stamps_s, [1.5, 2.5])
+    np.testing.assert_allclose(trajectory.quaternions_xyzw, [[0, 0, 0, 1], [0, 0, 0.6, 0.8]])
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("1 1 2 3 0 0 0 1\n2 1 2 3 0 0 0\n", "line 2: 7 numbers instead of 8: stamp tx ty tz qx qy qz qw"),
+        ("1 1 2 x 0 0 0 1\n", "line 1: could not convert string to float: 'x'; expected 'stamp tx ty tz qx qy qz qw'"),
+        ("1 1 2 nan 0 0 0 1\n", "line 1: a number is not finite"),
+        ("nan 1 2 3 0 0 0 1\n", "line 1: 'nan' is not a time in seconds; expected"),
+        ("1 1 2 3 0 0 0 0\n", "line 1: the quaternion is zero"),
+        ("#\n2 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n", "line 3: the stamp is not later than the one before; sort the file"),
+        ("2 1 2 3 0 0 0 1\n2 1 2 3 0 0 0 1\n", "line 2: the stamp is not later than the one before; sort the file"),
+    ],
+)
+def test_bad_lines_are_named(tmp_path, text, complaint):
+    path = tmp_path / "a.tum"
+    path.write_text(text)
+    with pytest.raises(InputError, match=re.escape(f"{path}, {complaint}")):
+        read_tum(path)
+
+
+def test_files_that_hold_no_trajectory(tmp_path):
+    (tmp_path / "empty.tum").write_text("# nothing\n")
+    (tmp_path / "binary.tum").write_bytes(b"\xff\xfe\x00")
+    for name, complaint in [
+        ("missing.tum", "cannot read the file: No such file or directory"),
+        ("binary.tum", "is not a text file"),
+        ("empty.tum", "no poses in it"),
+    ]:
+        with pytest.raises(InputError, match=re.escape(f"{tmp_path / name}: {complaint}")):
+            read_tum(tmp_path / name)
+
+
+def test_an_older_file_survives_a_failed_write(tmp_path, monkeypatch):
+    path = tmp_path / "a.tum"
+    path.write_text("old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OutputError, match=re.escape(f"{path}: cannot write the trajectory: No space left on device")):
+        write_tum(path, a_trajectory())
+    assert path.read_text() == "old"
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    path = tmp_path / "missing" / "a.tum"
+    with pytest.raises(OutputError, match=re.escape(f"{path}: cannot write the trajectory: No such file")):
+        TumWriter(path)
+    with pytest.raises(OutputError, match=re.escape(f"{path}: cannot write the trajectory: No such file")):
+        write_tum(path, a_trajectory())
