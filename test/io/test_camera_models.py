@@ -1,0 +1,181 @@
+import re
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.io.camera_models import calibration_from_camera_info, read_camera_file
+from ceiling_dso_ros.io.errors import InputError
+
+K = [425.3, 0.0, 427.6, 0.0, 424.9, 236.4, 0.0, 0.0, 1.0]
+
+
+def read(tmp_path, *lines):
+    path = tmp_path / "camera.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return read_camera_file(path)
+
+
+def test_absolute_pinhole(tmp_path):
+    calibration = read(tmp_path, "Pinhole 425.31 424.87 427.6 236.4 0", "848 480", "none", "848 480")
+    assert calibration.camera.parameters.tolist() == [425.31, 424.87, 427.6, 236.4]
+    assert (calibration.camera.width, calibration.camera.height) == (848, 480)
+    assert calibration.keeps_images
+
+
+def test_relative_numbers(tmp_path):
+    calibration = read(tmp_path, "Pinhole 0.5 0.75 0.5 0.25", "640 480", "0.4 0.53 0.5 0.5 0", "320 240")
+    lens, camera = calibration.lens, calibration.camera
+    assert (lens.fx, lens.fy, lens.cx, lens.cy) == (320.0, 360.0, 319.5, 119.5)
+    np.testing.assert_allclose(camera.parameters, [128.0, 127.2, 159.5, 119.5])
+    assert (camera.width, camera.height) == (320, 240)
+    assert not calibration.keeps_images
+
+
+@pytest.mark.parametrize(
+    ("line", "model", "distortion"),
+    [
+        ("RadTan 425 424 427.6 236.4 -0.28 0.07 0.001 -0.001", "RadTan", (-0.28, 0.07, 0.001, -0.001)),
+        ("RadTan 425 424 427.6 236.4 0 0 0 0", "Pinhole", ()),
+        ("EquiDistant 425 424 427.6 236.4 0.01 0.04 -0.03 0.01", "EquiDistant", (0.01, 0.04, -0.03, 0.01)),
+        ("EquiDistant 425 424 427.6 236.4 0 0 0 0", "EquiDistant", (0.0, 0.0, 0.0, 0.0)),
+        ("FOV 0.5 0.8 0.5 0.5 0.93", "FOV", (0.93,)),
+        ("0.5 0.8 0.5 0.5 0.93", "FOV", (0.93,)),
+        ("0.5 0.8 0.5 0.5 0", "Pinhole", ()),
+        ("Pinhole 1.4 2.1 0.5 0.5 0", "Pinhole", ()),
+    ],
+)
+def test_every_lens_model(tmp_path, line, model, distortion):
+    lens = read(tmp_path, line, "848 480", "crop", "640 480").lens
+    assert (lens.model, lens.distortion) == (model, distortion)
+    assert lens.cx == pytest.approx(427.6, abs=5)
+
+
+def test_crop_and_full(tmp_path):
+    line = "RadTan 425 424 427.6 236.4 -0.28 0.07 0.001 -0.001"
+    crop = read(tmp_path, line, "848 480", "crop", "848 480").camera
+    full = read(tmp_path, line, "848 480", "full", "848 480").camera
+    assert full.fx < crop.fx < 425
+
+
+@pytest.mark.parametrize(
+    ("lines", "complaint"),
+    [
+        (["Pinhole 425 424 427 236 0", "848 480", "none"], ": 3 lines instead of 4: lens, 'width height', output"),
+        (
+            ["Fish 425 424 427 236", "848 480", "none", "848 480"],
+            ", line 1: the lens model 'Fish' is not one of Pinhole",
+        ),
+        (
+            ["RadTan 425 424 427 236 0.1", "848 480", "crop", "848 480"],
+            ", line 1: 5 numbers; expected 'RadTan fx fy cx cy k1 k2 p1 p2'",
+        ),
+        (
+            ["Pinhole 425 424 427 x 0", "848 480", "none", "848 480"],
+            ", line 1: expected 'Pinhole fx fy cx cy 0'; could",
+        ),
+        (
+            ["Pinhole 425 424 427 nan 0", "848 480", "none", "848 480"],
+            ", line 1: expected 'Pinhole fx fy cx cy 0'; a nu",
+        ),
+        (
+            ["Pinhole 425 424 427 236 0.1", "848 480", "none", "848 480"],
+            ", line 1: the fifth number of a Pinhole must be 0",
+        ),
+        (
+            ["Pinhole 425 424 0.5 0.5 0", "848 480", "none", "848 480"],
+            ", line 1: 425 424 0.5 0.5 are neither all in pixels",
+        ),
+        (["Pinhole -425 424 427 236 0", "848 480", "none", "848 480"], ", line 1: -425 424 427 236 are neither"),
+        (
+            ["Pinhole 0 0 0.5 0.5 0", "848 480", "none", "848 480"],
+            ", line 1: the focal lengths fx=0 fy=0 must be positive",
+        ),
+        (
+            ["Pinhole 425 424 900 236 0", "848 480", "none", "848 480"],
+            ", line 1: the principal point (900, 236) is outside",
+        ),
+        (["0.5 0.8 0.5 0.5", "848 480", "none", "848 480"], ", line 1: 4 numbers; expected 'FOV fx fy cx cy omega'"),
+        (["Pinhole 425 424 427 236 0", "848", "none", "848 480"], ", line 2: '848'; expected 'width height' in pixels"),
+        (["Pinhole 425 424 427 236 0", "0 480", "none", "848 480"], ", line 2: the image size 0 480 must be positive"),
+        (
+            ["Pinhole 425 424 427 236 0", "848 480", "corp", "848 480"],
+            ", line 3: expected crop, full, none or 'fx fy cx cy",
+        ),
+        (
+            ["Pinhole 425 424 427 236 0", "848 480", "1 2 3", "848 480"],
+            ", line 3: 3 numbers; expected crop, full, none or",
+        ),
+        (["Pinhole 425 424 427 236 0", "848 480", "1 1 .5 .5 .1", "848 480"], ", line 3: the fifth number must be 0"),
+        (
+            ["Pinhole 425 424 427 236 0", "848 480", "none", "640 480"],
+            ", line 3: 'none' leaves images as they are, and the",
+        ),
+        (
+            ["FOV 0.5 0.8 0.5 0.5 0.9", "848 480", "none", "848 480"],
+            ", line 3: 'none' leaves images as they are, and those",
+        ),
+        (["Pinhole 425 424 427 236 0", "848 480", "crop", "32 32"], ", line 3: camera: image 32x32 is too small"),
+        (["Pinhole 425 424 427 236 0", "848 480", "crop", "a b"], ", line 4: 'a b'; expected 'width height' in pixels"),
+    ],
+)
+def test_wrong_lines_are_named(tmp_path, lines, complaint):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'camera.txt'}{complaint}")) as caught:
+        read(tmp_path, *lines)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_camera_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'camera.txt'}: cannot read the file: No such file")):
+        read_camera_file(tmp_path / "camera.txt")
+
+
+@pytest.mark.parametrize("D", [[], [0.0] * 5, np.zeros(8)])
+def test_camera_info_without_distortion_keeps_images(D):
+    calibration = calibration_from_camera_info(848, 480, "plumb_bob", D, K)
+    assert calibration.keeps_images
+    assert calibration.camera.parameters.tolist() == [425.3, 424.9, 427.6, 236.4]
+
+
+@pytest.mark.parametrize(
+    ("distortion_model", "D", "model"),
+    [
+        ("plumb_bob", [-0.28, 0.07, 0.001, -0.001, -0.01], "RadTan"),
+        ("plumb_bob", [-0.28, 0.07, 0.001, -0.001], "RadTan"),
+        ("rational_polynomial", [0.47, -2.6, 6e-4, -2e-4, 1.56, 0.35, -2.42, 1.48], "RadTan"),
+        ("equidistant", [-0.013, 0.042, -0.039, 0.007], "EquiDistant"),
+    ],
+)
+def test_camera_info_with_distortion_is_cropped(distortion_model, D, model):
+    calibration = calibration_from_camera_info(848, 480, distortion_model, D, np.reshape(K, (3, 3)))
+    assert (calibration.lens.model, calibration.lens.distortion) == (model, tuple(D))
+    assert not calibration.keeps_images
+    assert (calibration.camera.width, calibration.camera.height) == (848, 480)
+
+
+def test_rectified_images_are_those_of_P():
+    P = [400.0, 0, 420.0, -20.0, 0, 401.0, 240.0, 0, 0, 0, 1, 0]
+    calibration = calibration_from_camera_info(848, 480, "plumb_bob", [0.1] * 5, K, P, rectified=True)
+    assert calibration.keeps_images
+    assert calibration.camera.parameters.tolist() == [400.0, 401.0, 420.0, 240.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"K": [float("nan")] * 9}, "/camera_info: a number of the camera is not finite; is the camera calibrated?"),
+        ({"K": [0.0] * 9}, "/camera_info: the focal lengths fx=0 fy=0 must be positive; is the camera calibrated?"),
+        ({"K": [1.0] * 8}, "/camera_info: K has 8 numbers instead of 9"),
+        ({"D": [float("nan")] * 5}, "/camera_info: a number of the camera is not finite"),
+        ({"D": [0.1] * 3}, "/camera_info: 3 coefficients in D instead of 4 or 5 for plumb_bob"),
+        (
+            {"distortion_model": "spline", "D": [0.1]},
+            "/camera_info: distortion model 'spline' is not known, only plumb_",
+        ),
+        ({"rectified": True}, "/camera_info: P has 0 numbers instead of 12"),
+        ({"width": 0}, "/camera_info: the image size 0x480 must be positive"),
+    ],
+)
+def test_camera_infos_of_no_camera(changes, complaint):
+    fields = {"width": 848, "height": 480, "distortion_model": "plumb_bob", "D": [], "K": K, **changes}
+    with pytest.raises(InputError, match=re.escape(complaint)):
+        calibration_from_camera_info(source="/camera_info", **fields)
