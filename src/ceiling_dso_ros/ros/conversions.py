@@ -1,16 +1,18 @@
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
 from fractions import Fraction
-from typing import Tuple
+from typing import Tuple, Union
 
 import numpy as np
 from genpy import Time
 from geometry_msgs.msg import Pose
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
 
 UNKNOWN_VARIANCE = 9999.0  # by convention: nothing is known
@@ -21,6 +23,19 @@ STATES = {
     TrackingState.TRACKING: VisualOdometryStatus.TRACKING,
     TrackingState.LOST: VisualOdometryStatus.LOST,
 }
+
+
+def image_array(message: Union[Image, CompressedImage]) -> np.ndarray:
+    """Grey image (height, width), uint8 or uint16.
+
+    Raises:
+        FrameError: unknown encoding, or data that do not fit the size.
+    """
+    if isinstance(message, CompressedImage):
+        return decode_compressed(message.format, message.data)
+    return decode_image(
+        message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data
+    )
 
 
 def pose_from_matrix(T_parent_child: np.ndarray) -> Pose:
@@ -88,13 +103,18 @@ def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStat
     )
 
 
+def no_pose_message(header: Header, state: int, message: str) -> VisualOdometryStatus:
+    """VisualOdometryStatus of an image that did not reach the odometry, because of message."""
+    return VisualOdometryStatus(header=header, state=state, message=message, keyframe_id=-1, rmse=float("nan"))
+
+
 def keyframes_message(header: Header, keyframes: Tuple[KeyframeEstimate, ...]) -> Keyframes:
     """Keyframes of the window as refined with one image."""
     return Keyframes(header=header, keyframes=[_keyframe(keyframe) for keyframe in keyframes])
 
 
 def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
-    # Through exact arithmetic: a double of seconds since 1970 is only good to 0.2 us, and this comes back to the same one.
+    # Exact arithmetic: doubles of seconds since 1970 are 0.2 us apart, and this comes back to the same one.
     stamp = Time(0, round(Fraction(keyframe.stamp_s) * 10**9))
     affine_a, affine_b = keyframe.affine
     return Keyframe(

@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""dso_node on images of a ceiling: the poses are those of the odometry itself."""
+
+import os
+import sys
+import unittest
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rospy
+import rostest
+from dso_node_player import Player, image_message, wait_until
+
+from ceiling_dso_ros.dso import DirectOdometry, PinholeCamera, TrackingState
+from ceiling_dso_ros.io.stamps import parse_stamp_ns, seconds
+from ceiling_dso_ros.msg import VisualOdometryStatus
+from ceiling_dso_ros.ros.conversions import pose_from_matrix
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+FOLDER = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "data")) / "ceiling_loops"
+CAMERA = PinholeCamera(425.31, 424.87, 427.6, 236.4, 848, 480)
+FRAMES = 90  # a map is there after about half of them
+
+
+def read_frames():
+    """(pixels, stamp_ns, exposure_ms) of the first images."""
+    for line in (FOLDER / "times.txt").read_text().splitlines()[:FRAMES]:
+        name, stamp, exposure_ms = line.split()
+        pixels = cv2.imread(str(FOLDER / "images" / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
+        yield pixels, parse_stamp_ns(stamp), float(exposure_ms)
+
+
+def components(pose):
+    """Position and quaternion of a geometry_msgs/Pose, (7,)."""
+    position, orientation = pose.position, pose.orientation
+    return np.array([position.x, position.y, position.z, orientation.x, orientation.y, orientation.z, orientation.w])
+
+
+@unittest.skipUnless(FOLDER.is_dir(), f"no recording in {FOLDER}")
+class DsoNodeCeiling(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        """Play the recording, each image when the one before is done."""
+        cls.frames = list(read_frames())
+        cls.player = Player()
+        cls.player.calibrate(CAMERA.width, CAMERA.height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+        wait_until(lambda: cls.play(0).state != VisualOdometryStatus.WAITING, "the calibration is not taken up")
+        cls.statuses = [cls.player.statuses[-1], *(cls.play(index) for index in range(1, FRAMES))]
+        cls.tracked = [status for status in cls.statuses if status.state == VisualOdometryStatus.TRACKING]
+        wait_until(lambda: len(cls.player.odometry) == len(cls.tracked), "there are statuses without odometry")
+
+    @classmethod
+    def play(cls, index):
+        pixels, stamp_ns, exposure_ms = cls.frames[index]
+        return cls.player.play(image_message(pixels, stamp_ns), exposure_ms)
+
+    def test_every_pose_is_that_of_the_odometry(self):
+        odometry = DirectOdometry(CAMERA)
+        statuses = [
+            odometry.track(pixels.astype(np.float32), seconds(stamp_ns), exposure_ms)
+            for pixels, stamp_ns, exposure_ms in self.frames
+        ]
+        expected = [status for status in statuses if status.state is TrackingState.TRACKING]
+        self.assertGreater(len(expected), FRAMES // 4)
+        self.assertEqual(
+            [message.header.stamp.to_nsec() for message in self.player.odometry],
+            [stamp_ns for (_, stamp_ns, _), status in zip(self.frames, statuses) if status in expected],
+        )
+        for message, status in zip(self.player.odometry, expected):
+            np.testing.assert_allclose(
+                components(message.pose.pose), components(pose_from_matrix(status.T_world_camera)), atol=1e-9
+            )
+
+    def test_odometry_says_what_it_knows(self):
+        for message in self.player.odometry:
+            self.assertEqual((message.header.frame_id, message.child_frame_id), ("vo", "camera"))
+            covariance = np.reshape(message.pose.covariance, (6, 6))
+            self.assertGreater(np.linalg.eigvalsh(covariance).min(), 0.0)
+            self.assertGreater(np.reshape(message.twist.covariance, (6, 6)).diagonal().min(), 1000.0)
+
+    def test_statuses_count_what_they_should(self):
+        self.assertEqual([status.header.stamp.to_nsec() for status in self.statuses], [row[1] for row in self.frames])
+        self.assertEqual(self.statuses[-1].state, VisualOdometryStatus.TRACKING)
+        self.assertEqual((self.statuses[-1].dropped, self.statuses[-1].rejected), (0, 0))
+        for status in self.tracked:
+            self.assertGreater(status.active_points, 0)
+            self.assertTrue(0.0 < status.rmse < 50.0)
+
+    def test_keyframes_are_published_when_the_window_changes(self):
+        newest = [message.keyframes[-1].id for message in self.player.keyframes]
+        self.assertGreater(len(newest), 1)
+        self.assertEqual(newest, sorted(newest))
+
+    def test_z_plays_the_recording_again(self):
+        """Time goes backwards: the odometry starts anew and finds its way again."""
+        again = [self.play(index) for index in range(FRAMES)]
+        self.assertEqual([status.state for status in again], [status.state for status in self.statuses])
+        self.assertEqual({status.segment for status in again}, {0})
+
+
+if __name__ == "__main__":
+    rospy.init_node("dso_node_ceiling")
+    rostest.rosrun("ceiling_dso_ros", "dso_node_ceiling", DsoNodeCeiling, sys.argv)

@@ -1,0 +1,111 @@
+#!/usr/bin/env python3
+"""What dso_node does with images, good and bad, whatever they show."""
+
+import sys
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from dso_node_player import Player, image_message, wait_until
+
+from ceiling_dso_ros.msg import VisualOdometryStatus
+
+WIDTH, HEIGHT = 848, 480
+CAMERA = (WIDTH, HEIGHT, 425.0, 425.0, 424.0, 240.0)
+FRAME_NS = 33_000_000
+START_NS = 1_700_000_000 * 10**9
+PIXELS = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
+
+
+class DsoNodeMechanics(unittest.TestCase):
+    """The tests share one node and go on in time; the first one (by name) meets it without a calibration."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.player = Player()
+        cls.now_ns = START_NS
+
+    def next_image(self, pixels=PIXELS):
+        type(self).now_ns += FRAME_NS
+        return image_message(pixels, self.now_ns)
+
+    def assert_skipped(self, image, complaint):
+        """The image is counted as unusable, and the next good one is taken as if nothing had happened."""
+        rejected = self.player.statuses[-1].rejected
+        status = self.player.play(image)
+        self.assertEqual(status.rejected, rejected + 1)
+        self.assertIn(complaint, status.message)
+        status = self.player.play(self.next_image())
+        self.assertEqual(status.rejected, rejected + 1)
+        self.assertEqual(status.state, VisualOdometryStatus.INITIALIZING)
+
+    def test_0_waits_for_a_calibration(self):
+        status = self.player.play(self.next_image())
+        self.assertEqual(status.state, VisualOdometryStatus.WAITING)
+        self.assertIn("/mechanics/camera/up/camera_info", status.message)
+        self.player.calibrate(*CAMERA[:2], float("nan"), *CAMERA[3:])
+        self.assertEqual(self.player.play(self.next_image()).state, VisualOdometryStatus.WAITING)
+        self.player.calibrate(*CAMERA)
+        wait_until(
+            lambda: self.player.play(self.next_image()).state == VisualOdometryStatus.INITIALIZING,
+            "the calibration is not taken up",
+        )
+
+    def test_status_is_that_of_the_image(self):
+        image = self.next_image()
+        status = self.player.play(image)
+        self.assertEqual(status.header.stamp, image.header.stamp)
+        self.assertEqual(status.header.frame_id, "vo")
+        self.assertEqual(status.segment, 0)
+        self.assertGreater(status.processing_ms, 0.0)
+
+    def test_unknown_encoding(self):
+        image = self.next_image()
+        image.encoding = "bayer_unheard_of"
+        self.assert_skipped(image, "bayer_unheard_of")
+
+    def test_truncated_image(self):
+        image = self.next_image()
+        image.data = image.data[:1000]
+        self.assert_skipped(image, "1000")
+
+    def test_empty_image(self):
+        image = self.next_image()
+        image.data, image.width, image.height, image.step = b"", 0, 0, 0
+        self.assert_skipped(image, "0")
+
+    def test_image_of_another_size(self):
+        self.assert_skipped(self.next_image(PIXELS[:240, :424].copy()), "424x240")
+
+    def test_repeated_stamp(self):
+        image = self.next_image()
+        self.player.play(image)
+        self.assert_skipped(image, "stamp")
+
+    def test_newest_image_wins_and_drops_are_counted(self):
+        before = self.player.statuses[-1]
+        count = len(self.player.statuses)
+        burst = [self.next_image() for _ in range(60)]
+        for image in burst:
+            self.player.send(image)
+        wait_until(
+            lambda: self.player.statuses[-1].header.stamp == burst[-1].header.stamp, "the newest image is not processed"
+        )
+        after = self.player.statuses[-1]
+        processed = len(self.player.statuses) - count
+        self.assertEqual(after.images, before.images + len(burst))
+        self.assertGreater(after.dropped, before.dropped)
+        self.assertEqual(processed + after.dropped - before.dropped, len(burst))
+
+    def test_time_that_goes_backwards_starts_anew(self):
+        self.player.play(self.next_image())
+        type(self).now_ns = START_NS
+        status = self.player.play(self.next_image())
+        self.assertEqual((status.state, status.segment), (VisualOdometryStatus.INITIALIZING, 0))
+        self.assertEqual(status.rejected, self.player.statuses[-2].rejected)
+
+
+if __name__ == "__main__":
+    rospy.init_node("dso_node_mechanics")
+    rostest.rosrun("ceiling_dso_ros", "dso_node_mechanics", DsoNodeMechanics, sys.argv)
