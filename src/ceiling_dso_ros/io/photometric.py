@@ -1,0 +1,117 @@
+"""Photometric calibration: from raw grey levels to what the scene sent, equation (2) of the paper."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Optional, Tuple
+
+import cv2
+import numpy as np
+
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.image_decoding import decode_file
+from ceiling_dso_ros.io.text_files import read_lines
+
+GREY_LEVELS = 256
+
+
+@dataclass(frozen=True)
+class PhotometricCalibration:
+    """Response and vignetting of a camera.
+
+    The camera turns the irradiance B of a pixel x into the raw value G(t V(x) B(x)), equation (1); t is the exposure
+    time.
+
+    Attributes:
+        inverse_response: (256,) float64, G^-1 of each grey level, not decreasing, from 0 to 255.
+        vignette: (H, W) float32 V in (0, 1], or None where V = 1 everywhere.
+    """
+
+    inverse_response: np.ndarray
+    vignette: Optional[np.ndarray] = None
+
+    @classmethod
+    def linear(cls) -> "PhotometricCalibration":
+        """A camera of linear response without vignetting, equation (12)."""
+        return cls(np.arange(GREY_LEVELS, dtype=np.float64))
+
+    def correct(self, image: np.ndarray) -> np.ndarray:
+        """Apply equation (2), I = G^-1(raw) / V = t B.
+
+        Args:
+            image: (H, W) uint8, or uint16 whose full range stands for that of 8 bits.
+
+        Returns:
+            (H, W) float32, a new array; 0 to 255 where the vignette is 1.
+        """
+        if image.dtype == np.uint16:
+            corrected = self._table_of_16_bits[image]
+        elif self._is_linear:
+            corrected = image.astype(np.float32)
+        else:
+            corrected = cv2.LUT(image, self.inverse_response.astype(np.float32))
+        if self.vignette is not None:
+            corrected *= self._gain
+        return corrected
+
+    @cached_property
+    def _is_linear(self) -> bool:
+        return np.array_equal(self.inverse_response, np.arange(GREY_LEVELS))
+
+    @cached_property
+    def _gain(self) -> np.ndarray:
+        return 1.0 / self.vignette
+
+    @cached_property
+    def _table_of_16_bits(self) -> np.ndarray:
+        grey = np.arange(2**16) / 256
+        return np.interp(grey, np.arange(GREY_LEVELS), self.inverse_response).astype(np.float32)
+
+
+def read_photometric(
+    pcalib_path: Optional[Path], vignette_path: Optional[Path], size: Tuple[int, int]
+) -> PhotometricCalibration:
+    """Read the photometric files of a TUM-mono folder.
+
+    Args:
+        pcalib_path: `pcalib.txt`, the 256 values of G^-1 in any unit; None for a linear response.
+        vignette_path: `vignette.png` of 8 or 16 bits, V in any unit; None for no vignetting.
+        size: (width, height) of the raw images.
+
+    Raises:
+        InputError: the file cannot be read or describes no camera.
+    """
+    calibration = PhotometricCalibration.linear()
+    response = calibration.inverse_response if pcalib_path is None else _read_inverse_response(Path(pcalib_path))
+    vignette = None if vignette_path is None else _read_vignette(Path(vignette_path), size)
+    return PhotometricCalibration(response, vignette)
+
+
+def _read_inverse_response(path: Path) -> np.ndarray:
+    words = [word for _, line in read_lines(path) for word in line.split()]
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; expected the {GREY_LEVELS} values of the inverse response") from error
+    if len(values) != GREY_LEVELS:
+        raise InputError(f"{path}: {len(values)} values instead of the {GREY_LEVELS} of the inverse response")
+    if not np.isfinite(values).all():
+        raise InputError(f"{path}: value {np.flatnonzero(~np.isfinite(values))[0] + 1} is not finite")
+    falls = np.flatnonzero(np.diff(values) < 0)
+    if len(falls) or values[0] == values[-1]:
+        where = f"falls after value {falls[0] + 1}" if len(falls) else "is constant"
+        raise InputError(f"{path}: the inverse response {where}; it must grow with the grey level")
+    return (values - values[0]) * (255.0 / (values[-1] - values[0]))
+
+
+def _read_vignette(path: Path, size: Tuple[int, int]) -> np.ndarray:
+    try:
+        raw = decode_file(path)
+    except FrameError as error:
+        raise InputError(f"{error}; delete it if there is no vignetting") from error
+    height, width = raw.shape
+    if (width, height) != tuple(size):
+        raise InputError(f"{path}: the vignette is {width}x{height}, but images are {size[0]}x{size[1]}")
+    if raw.min() == 0:
+        raise InputError(f"{path}: {np.count_nonzero(raw == 0)} pixels are 0; no light would reach them")
+    return (raw / raw.max()).astype(np.float32)

@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
+from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.lens_models import LensCamera
+from ceiling_dso_ros.io.output_camera import crop_camera
+from ceiling_dso_ros.io.photometric import PhotometricCalibration
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+
+PINHOLE = calibration_from_camera_info(160, 120, "", [], [100.0, 0, 80, 0, 100, 60, 0, 0, 1])
+
+
+def test_a_linear_pinhole_only_converts():
+    raw = np.random.default_rng(1).integers(0, 256, (120, 160), dtype=np.uint8)
+    preprocess = ImagePreprocessor(PINHOLE)
+    image = preprocess(raw)
+    assert image.dtype == np.float32
+    np.testing.assert_array_equal(image, raw)
+    assert not np.shares_memory(image, preprocess(raw)), "the odometry may keep an image"
+
+
+def test_the_vignette_belongs_to_the_raw_image():
+    """A white wall seen through vignetting and distortion is white again."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 160), np.linspace(-1, 1, 120))
+    vignette = (1 - 0.3 * (x * x + y * y)).astype(np.float32)
+    raw = np.round(200 * vignette * 256).astype(np.uint16)
+    lens = LensCamera("RadTan", 100, 100, 80, 60, (-0.2, 0.0, 0.0, 0.0), 160, 120)
+    calibration = CameraCalibration(lens, crop_camera(lens, 128, 96))
+    preprocess = ImagePreprocessor(calibration, PhotometricCalibration(np.arange(256.0), vignette))
+
+    image = preprocess(raw)
+
+    assert image.shape == (preprocess.camera.height, preprocess.camera.width) == (96, 128)
+    np.testing.assert_allclose(image, 200, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("raw", "complaint"),
+    [
+        (np.zeros((60, 80), np.uint8), "the image is 80x60, but the calibration is for 160x120"),
+        (np.zeros((120, 160), np.float32), r"must be \(height, width\) uint8 or uint16, not \(120, 160\) float32"),
+        (np.zeros((120, 160, 3), np.uint8), r"must be \(height, width\) uint8 or uint16, not \(120, 160, 3\) uint8"),
+    ],
+)
+def test_other_images_are_refused(raw, complaint):
+    with pytest.raises(FrameError, match=complaint):
+        ImagePreprocessor(PINHOLE)(raw)
