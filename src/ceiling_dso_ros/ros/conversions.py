@@ -32,7 +32,7 @@ def image_array(message: Union[Image, CompressedImage]) -> np.ndarray:
         FrameError: unknown encoding, or data that do not fit the size.
     """
     if isinstance(message, CompressedImage):
-        return decode_compressed(message.format, message.data)
+        return decode_compressed(message.data)
     return decode_image(
         message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data
     )

@@ -1,5 +1,6 @@
 """The server behind dso_node: live images in, visual odometry out."""
 
+import math
 import time
 from typing import Optional, Tuple, Union
 
@@ -7,12 +8,11 @@ import rospy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
+from ceiling_dso_ros.cli.settings import load_settings
 from ceiling_dso_ros.dso import DirectOdometry
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
-from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
-from ceiling_dso_ros.io.settings import load_settings
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
@@ -85,8 +85,10 @@ class DsoServer:
         else:
             rospy.Subscriber("camera_info", CameraInfo, self._on_camera_info, queue_size=1)
         self._exposure_subscriber = rospy.Subscriber("exposure", Exposure, self._on_exposure, queue_size=QUEUE_SIZE)
-        topic, message_type = ("image", Image) if transport == "raw" else ("image/compressed", CompressedImage)
-        rospy.Subscriber(topic, message_type, self._on_image, queue_size=QUEUE_SIZE, buff_size=BUFFER_BYTES)
+        # Resolved first: a remapped image takes its compressed topic along.
+        self._image_topic = rospy.resolve_name("image") + ("" if transport == "raw" else "/compressed")
+        image_type = Image if transport == "raw" else CompressedImage
+        rospy.Subscriber(self._image_topic, image_type, self._on_image, queue_size=QUEUE_SIZE, buff_size=BUFFER_BYTES)
 
     def spin(self) -> None:
         """Work until the node is shut down."""
@@ -100,7 +102,8 @@ class DsoServer:
         self._dropped += self._mailbox.put(message)
 
     def _on_exposure(self, message: Exposure) -> None:
-        self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms)
+        if math.isfinite(message.exposure_ms):
+            self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms)
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         fields = (message.width, message.height, message.distortion_model, message.D, message.K, message.P)
@@ -120,7 +123,7 @@ class DsoServer:
             status = self._track(message, header)
         except FrameError as error:
             self._rejected += 1
-            rospy.logwarn_throttle(WARNING_PERIOD_S, f"{rospy.resolve_name('image')}: image skipped: {error}")
+            rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
             status = no_pose_message(header, self._state, str(error))
         self._state = status.state
         status.processing_ms = 1e3 * (time.perf_counter() - start_s)
@@ -152,7 +155,7 @@ class DsoServer:
         if self._used_calibration is not None:
             rospy.logwarn("the camera's calibration changed: starting anew")
         self._used_calibration = calibration
-        self._preprocess = ImagePreprocessor(calibration, PhotometricCalibration())
+        self._preprocess = ImagePreprocessor(calibration)
         self._odometry = DirectOdometry(self._preprocess.camera, self._config)
         self._publisher.reset()
         rospy.loginfo(f"tracking images of {calibration.lens} as {self._preprocess.camera}")
