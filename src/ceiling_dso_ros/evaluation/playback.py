@@ -1,0 +1,89 @@
+"""Plays a recording through the odometry as fast as it goes, dropping nothing, and writes the results."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Union
+
+from ceiling_dso_ros.dso import DirectOdometry, TrackingState
+from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
+from ceiling_dso_ros.evaluation.timing import TimingLog
+from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+from ceiling_dso_ros.io.recording import Frame, SkippedFrame
+from ceiling_dso_ros.io.trajectory import write_tum
+
+
+class Playback:
+    """One run of the odometry over a recording.
+
+    What has been computed can be written at any time, also after `play` was interrupted or failed.
+
+    Attributes:
+        trajectories: the poses so far.
+        timing: the times so far.
+        warnings: what was wrong with skipped frames.
+    """
+
+    def __init__(self, preprocessor: ImagePreprocessor, odometry: DirectOdometry, warn: Callable[[str], None]) -> None:
+        self._preprocessor = preprocessor
+        self._odometry = odometry
+        self._warn = warn
+        self.trajectories = TrajectoryRecorder()
+        self.timing = TimingLog()
+        self.warnings: List[str] = []
+
+    def play(self, frames: Iterable[Union[Frame, SkippedFrame]]) -> None:
+        """Track every frame; whatever the frames or the odometry raise goes through."""
+        for frame in frames:
+            if isinstance(frame, SkippedFrame):
+                self._skip(frame.reason)
+                continue
+            try:
+                self._track(frame)
+            except FrameError as error:
+                self._skip(f"frame of {frame.stamp_s:.6f} s: {error}")
+
+    def write(self, directory: Path, end: str) -> None:
+        """Write all files of a run but its settings.
+
+        Args:
+            directory: an existing folder.
+            end: how the run ended, for the summary: complete, interrupted, or what failed.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        write_tum(directory / "camera.tum", self.trajectories.live())
+        write_tum(directory / "camera_final.tum", self.trajectories.final())
+        write_tum(directory / "keyframes.tum", self.trajectories.keyframes())
+        self.timing.write_csv(directory / "timing.csv")
+        summary = json.dumps({**self.summary(), "end": end}, indent=2, allow_nan=False)
+        (directory / "summary.json").write_text(summary + "\n")
+
+    def summary(self) -> Dict[str, Any]:
+        """Counts, times and warnings; the scale stays unknown as long as there is only a camera."""
+        return {
+            "frames": len(self.timing),
+            "tracked": self.timing.count(TrackingState.TRACKING),
+            "lost": self.timing.count(TrackingState.LOST),
+            "keyframes": len(self.trajectories.keyframes()),
+            "segments": self.trajectories.segments,
+            "ms": self.timing.statistics_ms(),
+            "scale": {"value": None, "sigma": None, "converged": False},
+            "warnings": self.warnings,
+        }
+
+    def _skip(self, reason: str) -> None:
+        self.warnings.append(reason)
+        self._warn(f"{reason}; frame skipped")
+
+    def _track(self, frame: Frame) -> None:
+        start = time.perf_counter()
+        image = self._preprocess(frame.image)
+        preprocessed = time.perf_counter()
+        status = self._odometry.track(image, frame.stamp_s, frame.exposure_ms)
+        end = time.perf_counter()
+        self.trajectories.add(status)
+        stages_ms = {"undistort": 1e3 * (preprocessed - start), **status.timing_ms}
+        self.timing.add(status, 1e3 * (end - start), stages_ms)

@@ -1,0 +1,83 @@
+"""How long each frame took, by stage."""
+
+import csv
+from array import array
+from pathlib import Path
+from typing import Any, Dict, List, Mapping
+
+import numpy as np
+
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+
+
+class TimingLog:
+    """One row for every frame that the odometry was given."""
+
+    def __init__(self) -> None:
+        self._stamps_s = array("d")
+        self._total_ms = array("d")
+        self._stages_ms: Dict[str, array] = {}
+        self._is_keyframe: List[bool] = []
+        self._states: List[TrackingState] = []
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def add(self, status: OdometryStatus, total_ms: float, stages_ms: Mapping[str, float]) -> None:
+        """Record one frame.
+
+        Args:
+            status: the result.
+            total_ms: wall time from the raw image to the result, milliseconds.
+            stages_ms: milliseconds of the stages that this frame went through.
+        """
+        for name in stages_ms:
+            self._stages_ms.setdefault(name, array("d", [0.0] * len(self)))
+        for name, column in self._stages_ms.items():
+            column.append(stages_ms.get(name, 0.0))
+        self._stamps_s.append(status.stamp_s)
+        self._total_ms.append(total_ms)
+        self._is_keyframe.append(status.is_keyframe)
+        self._states.append(status.state)
+
+    def count(self, state: TrackingState) -> int:
+        """Number of frames that ended in state."""
+        return self._states.count(state)
+
+    def statistics_ms(self) -> Dict[str, Any]:
+        """Mean, median, p95 and max of a frame: of `all`, of `keyframes`, and of the `others` that were tracked."""
+        total_ms = np.array(self._total_ms)
+        is_keyframe = np.array(self._is_keyframe, dtype=bool)
+        tracked = np.array([state is TrackingState.TRACKING for state in self._states], dtype=bool)
+        return {
+            "all": _statistics(total_ms),
+            "keyframes": _statistics(total_ms[is_keyframe]),
+            "others": _statistics(total_ms[tracked & ~is_keyframe]),
+        }
+
+    def write_csv(self, path: Path) -> None:
+        """Write stamp (s), total_ms, a column of milliseconds for each stage, is_keyframe (0 or 1), state.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        stages = [f"{name}_ms" for name in self._stages_ms]
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["stamp", "total_ms", *stages, "is_keyframe", "state"])
+            for stamp_s, is_keyframe, state, *milliseconds in zip(
+                self._stamps_s, self._is_keyframe, self._states, self._total_ms, *self._stages_ms.values()
+            ):
+                times = [f"{value:.3f}" for value in milliseconds]
+                writer.writerow([f"{stamp_s:.9f}", *times, int(is_keyframe), state.value])
+
+
+def _statistics(values_ms: np.ndarray) -> Dict[str, Any]:
+    if len(values_ms) == 0:
+        return {"mean": None, "median": None, "p95": None, "max": None}
+    return {
+        "mean": float(values_ms.mean()),
+        "median": float(np.median(values_ms)),
+        "p95": float(np.percentile(values_ms, 95)),
+        "max": float(values_ms.max()),
+    }
