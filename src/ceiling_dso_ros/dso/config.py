@@ -3,7 +3,8 @@
 The defaults are the constants of the published method; where a measured alternative is better the comment says so.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Tuple
 
 
 class ConfigError(ValueError):
@@ -34,6 +35,28 @@ class WindowConfig:
         )
         require(50 <= self.candidate_points <= 20000, f"window.candidate_points={self.candidate_points}: 50 to 20000")
         require(50 <= self.active_points <= 20000, f"window.active_points={self.active_points}: 50 to 20000")
+
+
+@dataclass(frozen=True)
+class InitializationConfig:
+    """The first map from frames with parallax."""
+
+    densities: Tuple[float, ...] = (0.03, 0.05, 0.15, 0.5, 1.0)  # share of pixels per level, finest first
+    min_translation: float = 1.0 / 60.0  # of the mean depth, before depths are trusted
+    frames_after_snap: int = 5
+    flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
+    depth_coupling: float = 100.0  # and to their neighbours' median afterwards
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(
+            len(self.densities) > 0 and all(0 < density <= 1 for density in self.densities),
+            f"initialization.densities={self.densities}: above 0, at most 1",
+        )
+        require(
+            0.001 <= self.min_translation <= 1,
+            f"initialization.min_translation={self.min_translation}: 0.001 to 1 of the mean depth",
+        )
 
 
 @dataclass(frozen=True)
@@ -123,6 +146,7 @@ class OdometryConfig:
     """All settings of `DirectOdometry`."""
 
     window: WindowConfig = field(default_factory=WindowConfig)
+    initialization: InitializationConfig = field(default_factory=InitializationConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     tracing: TracingConfig = field(default_factory=TracingConfig)
     activation: ActivationConfig = field(default_factory=ActivationConfig)
@@ -131,5 +155,5 @@ class OdometryConfig:
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
-        for part in (self.window, self.tracking, self.tracing, self.activation, self.optimization, self.keyframe):
-            part.check()
+        for part in fields(self):
+            getattr(self, part.name).check()

@@ -70,7 +70,7 @@ class KeyframeWindow:
         )
         self.ids: List[int] = []
         self.stamps_s: List[float] = []
-        self.born_points: List[int] = []  # how many points each keyframe ever had
+        self.gone_points: List[int] = []  # active points that each keyframe has lost
         self.points = PointTable(slots, 3 * config.window.active_points)
         self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
         self.intrinsics_eval = camera.parameters
@@ -113,7 +113,7 @@ class KeyframeWindow:
         slot = self.count
         self.ids.append(keyframe_id)
         self.stamps_s.append(stamp_s)
-        self.born_points.append(0)
+        self.gone_points.append(0)
         self.keyframes.T_camera_world[slot], self.keyframes.affine[slot] = T_camera_world, affine
         self.keyframes.exposure[slot], self.keyframes.image_slot[slot] = exposure, image_slot
         self.keyframes.energy_threshold[slot] = FIRST_ENERGY_THRESHOLD
@@ -144,7 +144,7 @@ class KeyframeWindow:
         self.pool.release(int(self.keyframes.image_slot[slot]))
         for array in self.keyframes:
             array[slot:-1] = array[slot + 1 :]
-        del self.ids[slot], self.stamps_s[slot], self.born_points[slot]
+        del self.ids[slot], self.stamps_s[slot], self.gone_points[slot]
         self.points.remove_keyframe(slot)
         self.candidates.remove_host(slot)
 

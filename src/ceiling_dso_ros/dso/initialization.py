@@ -1,0 +1,204 @@
+"""Initialisation: pose and depth from two frames with parallax, with no prior knowledge but that depth is smooth."""
+
+from dataclasses import dataclass
+from typing import List, Optional
+
+import numpy as np
+
+from ceiling_dso_ros.dso.candidates import CandidateTable
+from ceiling_dso_ros.dso.config import InitializationConfig
+from ceiling_dso_ros.dso.initialization_kernels import align_level, smooth
+from ceiling_dso_ros.dso.linearization import scratch_memory
+from ceiling_dso_ros.dso.neighbourhood import nearest_neighbours
+from ceiling_dso_ros.dso.points import PointArrays, ResidualArrays, point_arrays, residual_arrays
+from ceiling_dso_ros.dso.pyramid import PyramidPool, level_intrinsics
+from ceiling_dso_ros.dso.selection import BORDER, PixelSelector, SelectedPixels, squared_gradient
+
+NEIGHBOURS = 10
+OWN_SHARE = 0.2  # of a point's own inverse depth when it is smoothed with its neighbours'
+ITERATIONS = (5, 5, 10, 30, 50, 50)  # per level, finest first
+OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 4
+
+
+@dataclass
+class InitializerLevel:
+    """Points of the first frame on one pyramid level.
+
+    Attributes:
+        points, residuals: struct of arrays; residuals has one target, the new frame.
+        count: number of points.
+        neighbours: (count, 10) int64 nearest points on the level.
+        parents: (count,) int64 nearest point on the next coarser level; None on the coarsest.
+        target: (count,) float32 inverse depth that each point is pulled to.
+    """
+
+    points: PointArrays
+    residuals: ResidualArrays
+    count: int
+    neighbours: np.ndarray
+    parents: Optional[np.ndarray]
+    target: np.ndarray
+
+
+@dataclass(frozen=True)
+class FirstMap:
+    """What the initialiser hands over.
+
+    Attributes:
+        T_frame_first: (4, 4) float64 motion from the first frame to the newest, in units of the mean depth.
+        pixels: pixels of the first frame.
+        idepth: (n,) float32 their inverse depths, of mean 1.
+        log_gain, offset: brightness from the first frame to the newest.
+    """
+
+    T_frame_first: np.ndarray
+    pixels: SelectedPixels
+    idepth: np.ndarray
+    log_gain: float
+    offset: float
+
+
+def strongest_per_cell(gradient2: np.ndarray, width: int, height: int, density: float) -> SelectedPixels:
+    """The pixel of largest gradient of every cell, with cells such that about this share of all pixels is taken."""
+    cell = max(1, round(1.0 / np.sqrt(density)))
+    image = gradient2.reshape(height, width)[BORDER : height - BORDER, BORDER : width - BORDER]
+    rows, columns = image.shape[0] // cell, image.shape[1] // cell
+    cells = image[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell).swapaxes(1, 2)
+    best = cells.reshape(rows, columns, cell * cell).argmax(axis=2)
+    v = (np.arange(rows)[:, None] * cell + best // cell + BORDER).ravel()
+    u = (np.arange(columns)[None, :] * cell + best % cell + BORDER).ravel()
+    return SelectedPixels(u.astype(np.float32), v.astype(np.float32), np.ones(u.size, np.float32))
+
+
+class Initializer:
+    """Aligns frames to a first one until there is parallax enough for a map."""
+
+    def __init__(self, pool: PyramidPool, intrinsics: np.ndarray, config: InitializationConfig) -> None:
+        self._pool = pool
+        self._intrinsics = intrinsics
+        self._config = config
+        self.first_slot = -1
+        self._levels: List[InitializerLevel] = []
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a first frame."""
+        return self.first_slot >= 0
+
+    def start(self, image_slot: int, selector: PixelSelector) -> None:
+        """Take a frame as the first one."""
+        self.first_slot = image_slot
+        self._pixels: List[SelectedPixels] = []
+        self._levels = []
+        for level in range(self._pool.shape.levels):
+            self._pixels.append(self._select(level, selector))
+        for level in range(self._pool.shape.levels - 1, -1, -1):
+            self._levels.insert(0, self._make_level(level))
+        largest = max(level.count for level in self._levels)
+        self._scratch = scratch_memory(1, largest)
+        self._T = np.eye(4)
+        self._light = np.zeros(2)
+        self._snapped = False
+        self._frames_since_snap = 0
+
+    def add(self, image_slot: int, exposure_ratio: float) -> Optional[FirstMap]:
+        """Align a frame. Returns the map once there was parallax for long enough, else None.
+
+        Args:
+            exposure_ratio: exposure of the frame over that of the first one, 1 when unknown.
+        """
+        T, light = self._T, np.array([np.log(exposure_ratio), 0.0])
+        if not self._snapped:
+            T = np.eye(4)
+            T[:3, :3] = self._T[:3, :3]
+            for level in self._levels:
+                level.points.idepth[: level.count] = 1.0
+                level.target[:] = 1.0
+        for index in range(len(self._levels) - 1, -1, -1):
+            level = self._levels[index]
+            if index < len(self._levels) - 1:
+                self._inherit(index)
+            width, height = self._pool.shape.sizes[index]
+            weight = self._config.depth_coupling if self._snapped else self._config.flat_coupling
+            T, light, self.rmse, self.in_view = align_level(
+                level.points, level.residuals, level.count, self._pool.level(image_slot, index), width, height,
+                level_intrinsics(self._intrinsics, index), T, light, np.array([1e12, 1e12]), level.target, weight,
+                OUTLIER_ENERGY, ITERATIONS[index], self._scratch,
+            )  # fmt: skip
+            self._smooth(level)
+        self._pass_up()
+        self._T, self._light = T, light
+        self._snapped = self._snapped or np.linalg.norm(T[:3, 3]) > self._config.min_translation
+        self._frames_since_snap += self._snapped
+        if self._frames_since_snap <= self._config.frames_after_snap:
+            return None
+        return self._first_map()
+
+    def _select(self, level: int, selector: PixelSelector) -> SelectedPixels:
+        width, height = self._pool.shape.sizes[level]
+        density = self._config.densities[min(level, len(self._config.densities) - 1)]
+        if level == 0:
+            return selector.select(self.first_slot, int(density * width * height))
+        gradient2 = np.zeros(width * height, np.float32)
+        squared_gradient(self._pool.level(self.first_slot, level), width, height, gradient2)
+        return strongest_per_cell(gradient2, width, height, density)
+
+    def _make_level(self, level: int) -> InitializerLevel:
+        width, height = self._pool.shape.sizes[level]
+        pixels = self._pixels[level]
+        count = pixels.u.size
+        table = CandidateTable(count)
+        table.add(pixels, 0, self._pool.level(self.first_slot, level), width)
+        points, residuals = point_arrays(count), residual_arrays(1, count)
+        points.u[:], points.v[:], points.idepth[:] = pixels.u, pixels.v, 1.0
+        points.grey[:], points.weight[:] = table.arrays.grey, table.arrays.weight
+        residuals.live[:] = 1
+        parents = None
+        if level < self._pool.shape.levels - 1:
+            coarse = self._pixels[level + 1]
+            coarse_size = self._pool.shape.sizes[level + 1]
+            parents = nearest_neighbours(
+                coarse.u, coarse.v, 0.5 * pixels.u - 0.25, 0.5 * pixels.v - 0.25, *coarse_size, 1
+            )[:, 0]
+        neighbours = nearest_neighbours(pixels.u, pixels.v, pixels.u, pixels.v, width, height, NEIGHBOURS)
+        return InitializerLevel(points, residuals, count, neighbours, parents, np.ones(count, np.float32))
+
+    def _inherit(self, index: int) -> None:
+        """Start a level from its own depth where that is known, else from the coarser level's."""
+        level, coarse = self._levels[index], self._levels[index + 1]
+        own, parents = level.points.idepth_hessian[: level.count], coarse.points.idepth_hessian[level.parents]
+        inherited = coarse.target[level.parents]
+        share = parents / (own + parents + 1.0)
+        level.target[:] = (1.0 - share) * level.target + share * inherited
+        level.points.idepth[: level.count] = level.target
+
+    def _smooth(self, level: InitializerLevel) -> None:
+        points, n = level.points, level.count
+        smooth(points.idepth[:n], points.idepth_hessian[:n], level.neighbours, OWN_SHARE, level.target)
+
+    def _pass_up(self) -> None:
+        """Coarse levels take the information-weighted mean of their children for the next frame."""
+        for index in range(len(self._levels) - 1):
+            level, coarse = self._levels[index], self._levels[index + 1]
+            weight = level.points.idepth_hessian[: level.count]
+            total = np.bincount(level.parents, weight, coarse.count)
+            mean = np.bincount(level.parents, weight * level.target, coarse.count) / np.maximum(total, 1e-6)
+            known = total > 1e-6
+            coarse.target[known] = mean[known]
+            coarse.points.idepth[: coarse.count] = coarse.target
+
+    def _first_map(self) -> FirstMap:
+        level = self._levels[0]
+        seen = level.points.idepth_hessian[: level.count] > 0
+        unit = float(np.mean(level.target[seen]))
+        T = self._T.copy()
+        T[:3, 3] *= unit
+        pixels = self._pixels[0]
+        chosen = np.flatnonzero(seen)
+        return FirstMap(
+            T_frame_first=T,
+            pixels=SelectedPixels(pixels.u[chosen], pixels.v[chosen], pixels.kind[chosen]),
+            idepth=level.target[chosen] / np.float32(unit),
+            log_gain=float(self._light[0]),
+            offset=float(self._light[1]),
+        )

@@ -1,0 +1,96 @@
+"""Which frames become keyframes, and which keyframes and points leave the window."""
+
+from typing import List
+
+import numpy as np
+
+from ceiling_dso_ros.dso.config import KeyframeConfig, OptimizationConfig, WindowConfig
+from ceiling_dso_ros.dso.points import INLIER, OUT_OF_BOUNDS, OUTLIER
+from ceiling_dso_ros.dso.tracking import TrackedFrame
+from ceiling_dso_ros.dso.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.window import KeyframeWindow
+
+MIN_POINTS_LEFT = 0.05
+MAX_BRIGHTNESS_CHANGE = 0.7  # |ln alpha|
+
+
+def brightness_change(affine: np.ndarray, exposure: float, reference: TrackingReference) -> float:
+    """|ln alpha| between a frame and the reference keyframe."""
+    return abs(float(affine[0] - reference.affine[0]) + np.log(exposure / reference.exposure))
+
+
+def needs_keyframe(
+    tracked: TrackedFrame, exposure: float, reference: TrackingReference, first_rmse: float, diagonal: int,
+    config: KeyframeConfig,
+) -> bool:  # fmt: skip
+    """Whether a tracked frame has moved, or changed, enough to become a keyframe.
+
+    Args:
+        first_rmse: error of the first frame that was tracked on this reference.
+        diagonal: width + height of the image, which normalises flow.
+    """
+    if tracked.rmse > config.max_rmse_growth * first_rmse:
+        return True
+    change = brightness_change(tracked.affine, exposure, reference)
+    score = config.translation_weight * np.sqrt(tracked.translation_flow) / diagonal
+    score += config.motion_weight * np.sqrt(tracked.motion_flow) / diagonal
+    score += config.brightness_weight * change
+    return bool(score > 1.0)
+
+
+def keyframes_to_marginalize(window: KeyframeWindow, config: WindowConfig) -> List[int]:
+    """Slots that leave before the next keyframe is added: nearly empty or too different ones, then the least useful."""
+    n = window.count
+    flagged: List[int] = []
+    points = np.diff(window.points.host_ranges(n)) + np.diff(window.candidates.host_ranges(n))
+    log_gain = window.keyframes.affine[:n, 0] + np.log(window.keyframes.exposure[:n])
+    for slot in range(n - 1):
+        if n - len(flagged) < config.min_keyframes:
+            break
+        nearly_empty = points[slot] < MIN_POINTS_LEFT * (points[slot] + window.gone_points[slot])
+        if nearly_empty or abs(log_gain[slot] - log_gain[-1]) > MAX_BRIGHTNESS_CHANGE:
+            flagged.append(slot)
+    if n - len(flagged) >= config.max_keyframes:
+        flagged.append(least_useful(window))
+    return sorted(set(flagged))
+
+
+def least_useful(window: KeyframeWindow) -> int:
+    """The keyframe, not of the newest two, that is far from the newest and close to others."""
+    n = window.count
+    positions = np.array([window.T_world_camera(slot)[:3, 3] for slot in range(n)])
+    distance = np.linalg.norm(positions[:, None] - positions[None], axis=2)
+    scores = np.full(n, -np.inf)
+    for slot in range(n - 2):
+        others = np.delete(distance[slot], [slot, n - 1])
+        scores[slot] = np.sqrt(distance[slot, -1]) * np.sum(1.0 / (1e-5 + others))
+    return int(np.argmax(scores))
+
+
+class PointFate:
+    """What becomes of each active point after the bundle adjustment.
+
+    Attributes:
+        marginalize: (points,) bool, its information goes to the prior.
+        drop: (points,) bool, it is forgotten.
+    """
+
+    def __init__(self, window: KeyframeWindow, leaving: List[int], config: OptimizationConfig) -> None:
+        count = window.points.count
+        points, residuals = window.points.arrays, window.points.residuals
+        state = residuals.state[: window.count, :count]
+        live = residuals.live[: window.count, :count] > 0
+        number = live.sum(axis=0)
+        host = points.host[:count]
+        newest = np.where(host == window.newest, INLIER, state[window.newest])
+        previous = np.where(host == window.newest - 1, INLIER, state[max(window.newest - 1, 0)])
+        invisible = (newest == OUT_OF_BOUNDS) | ((newest == OUTLIER) & (previous == OUTLIER))
+        goes = invisible | np.isin(host, leaving)
+        hopeless = (points.idepth[:count] < 0) | (number == 0)
+        informative = (
+            (points.good_residuals[:count] >= config.point_min_good_residuals)
+            & (number >= config.point_min_live_residuals)
+            & (points.idepth_hessian[:count] > config.point_min_hessian)
+        )
+        self.marginalize = goes & informative & ~hopeless
+        self.drop = (goes | hopeless) & ~self.marginalize

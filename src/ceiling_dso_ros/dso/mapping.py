@@ -1,0 +1,155 @@
+"""Mapping: what happens to the window when frames are traced and keyframes are made."""
+
+from dataclasses import dataclass
+from typing import List, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.activation import Activator
+from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, marginalize_keyframe
+from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.candidates import CandidateTable
+from ceiling_dso_ros.dso.config import OdometryConfig
+from ceiling_dso_ros.dso.initialization import FirstMap
+from ceiling_dso_ros.dso.keyframe_policy import PointFate, keyframes_to_marginalize
+from ceiling_dso_ros.dso.pair_geometry import intrinsic_inverse, intrinsic_matrix
+from ceiling_dso_ros.dso.pyramid import PyramidPool
+from ceiling_dso_ros.dso.selection import PixelSelector
+from ceiling_dso_ros.dso.stage_timer import StageTimer
+from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.tracing_kernels import trace_host
+from ceiling_dso_ros.dso.tracking_reference import ReferenceBuilder, TrackingReference
+from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
+
+# Information that holds the first keyframe of a segment: translation, rotation, a, b.
+FIRST_KEYFRAME_INFORMATION = np.array([4e10, 4e10, 4e10, 1e11, 1e11, 1e11, 1e12, 1e8])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An image on its way through the odometry.
+
+    Attributes:
+        stamp_s: seconds.
+        exposure: ms, 1 when unknown.
+        image_slot: its pyramid in the pool.
+        T_camera_world: (4, 4) float64 tracked pose.
+        affine: (2,) tracked brightness (a, b).
+    """
+
+    stamp_s: float
+    exposure: float
+    image_slot: int
+    T_camera_world: np.ndarray
+    affine: np.ndarray
+
+
+class Mapper:
+    """Owns the window of keyframes of one segment."""
+
+    def __init__(
+        self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool, selector: PixelSelector, segment: int,
+        first_id: int,
+    ) -> None:  # fmt: skip
+        self.window = KeyframeWindow(camera, config, pool)
+        self._config = config
+        self._segment = segment
+        self._next_id = first_id
+        self._selector = selector
+        self._adjustment = BundleAdjustment(self.window, config.optimization)
+        self._activator = Activator(self.window, config.window.active_points, config.activation)
+        self._references = ReferenceBuilder(pool.shape)
+        self._max_search = config.tracing.reach * (camera.width + camera.height)
+        self.rmse = 0.0
+
+    @property
+    def next_id(self) -> int:
+        """Identity of the next keyframe."""
+        return self._next_id
+
+    def begin(self, first: Frame, first_map: FirstMap) -> None:
+        """Start the window with the initialiser's first frame and its depth."""
+        wanted = self._config.window.active_points
+        n = first_map.idepth.size
+        kept = np.sort(np.random.default_rng(0).permutation(n)[:wanted])
+        self._append(first)
+        prior = self.window.prior.H
+        intrinsics = np.arange(INTRINSICS)
+        prior[intrinsics, intrinsics] = self._config.optimization.intrinsics_information
+        block = INTRINSICS + np.arange(FRAME_PARAMETERS)
+        prior[block, block] = FIRST_KEYFRAME_INFORMATION
+        pixels = first_map.pixels
+        table = CandidateTable(n)  # for the pattern's grey values and weights
+        table.add(pixels, 0, self.window.image(0), self.window.width)
+        self.window.points.append(
+            pixels.u[kept], pixels.v[kept], pixels.kind[kept],
+            table.arrays.grey[:, kept], table.arrays.weight[:, kept], first_map.idepth[kept],
+            np.zeros(kept.size, np.int64), np.zeros((self.window.points.residuals.live.shape[0], kept.size), np.uint8),
+        )  # fmt: skip
+
+    def trace(self, frame: Frame) -> None:
+        """Narrow the depth of all candidates with a new frame."""
+        window = self.window
+        K, K_inverse = intrinsic_matrix(window.intrinsics), intrinsic_inverse(window.intrinsics)
+        ranges = window.candidates.host_ranges(window.count)
+        image = window.pool.level(frame.image_slot, 0)
+        for host in range(window.count):
+            T = frame.T_camera_world @ window.T_world_camera(host)
+            affine = window.keyframes.affine[host]
+            gain = frame.exposure / window.keyframes.exposure[host] * np.exp(frame.affine[0] - affine[0])
+            trace_host(
+                window.candidates.arrays, int(ranges[host]), int(ranges[host + 1]), image, window.width, window.height,
+                K @ T[:3, :3] @ K_inverse, K @ T[:3, 3], float(gain), float(frame.affine[1] - gain * affine[1]),
+                self._max_search,
+            )  # fmt: skip
+
+    def add_keyframe(
+        self, frame: Frame, timer: StageTimer
+    ) -> Tuple[TrackingReference, Tuple[KeyframeEstimate, ...]]:
+        """Make a frame, already traced, a keyframe. Returns the reference for the next frames and the refined window."""
+        window = self.window
+        leaving = keyframes_to_marginalize(window, self._config.window)
+        self._append(frame)
+        window.points.add_target(window.newest)
+        with timer.stage("activate"):
+            self._activator.activate(window)
+        with timer.stage("optimize"):
+            self.rmse = self._adjustment.optimize(window)
+        with timer.stage("reference"):
+            reference = self._references.build(window)
+        estimates = window.estimates(self._segment, tuple(leaving))
+        with timer.stage("marginalize"):
+            self._retire_points(leaving)
+        with timer.stage("select"):
+            pixels = self._selector.select(frame.image_slot, self._config.window.candidate_points)
+            window.candidates.add(pixels, window.newest, window.image(window.newest), window.width)
+        with timer.stage("marginalize"):
+            for slot in reversed(leaving):
+                marginalize_keyframe(window, slot, self._adjustment.affine_information)
+        return reference, estimates
+
+    def _append(self, frame: Frame) -> None:
+        self.window.add_keyframe(
+            self._next_id, frame.stamp_s, frame.image_slot, frame.T_camera_world, frame.affine, frame.exposure
+        )
+        self._next_id += 1
+
+    def _retire_points(self, leaving: List[int]) -> None:
+        """Points that go leave their information in the prior, or nothing."""
+        window = self.window
+        fate = PointFate(window, leaving, self._config.optimization)
+        if fate.marginalize.any():
+            self._adjustment.marginalize_points(window, fate.marginalize)
+        gone = fate.marginalize | fate.drop
+        for slot, number in enumerate(np.bincount(window.points.arrays.host[: gone.size][gone], minlength=window.count)):
+            window.gone_points[slot] += int(number)
+        window.points.keep(~gone)
+
+    def pose_of(self, keyframe_id: int) -> np.ndarray:
+        """T_world_camera of a keyframe in the window."""
+        return self.window.T_world_camera(self.window.ids.index(keyframe_id))
+
+    def release(self) -> None:
+        """Give all images back."""
+        for slot in range(self.window.count):
+            self.window.pool.release(int(self.window.keyframes.image_slot[slot]))

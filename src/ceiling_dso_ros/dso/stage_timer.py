@@ -1,0 +1,21 @@
+"""Milliseconds per stage of one frame."""
+
+import time
+from contextlib import contextmanager
+from typing import Dict, Iterator
+
+
+class StageTimer:
+    """Adds up the time spent in named stages."""
+
+    def __init__(self) -> None:
+        self.timing_ms: Dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time of the with block towards a stage."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.timing_ms[name] = self.timing_ms.get(name, 0.0) + 1e3 * (time.perf_counter() - start)
