@@ -1,0 +1,94 @@
+"""`evaluate`: the error of a run's trajectories against a reference."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Dict
+
+from ceiling_dso_ros.io.errors import InputError
+
+# File -> how it is aligned. A camera alone knows no metres; what has wheels does, and moves in the plane.
+TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
+
+
+def add_parser(commands: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "evaluate",
+        help="numbers and figures of a run against a reference",
+        description="Compare DIR/*.tum with a reference; writes evaluation.json and figures into DIR.",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="what `run --out` wrote")
+    parser.add_argument("--reference", metavar="GT.tum", type=Path, required=True, help="TUM trajectory, metres")
+    parser.add_argument(
+        "--align",
+        choices=("auto", "sim3", "se3", "se2", "sim2"),
+        default="auto",
+        help="what may be fitted; auto: sim3 for the camera's trajectories, se2 for metric ones (default)",
+    )
+    parser.add_argument(
+        "--max-difference",
+        metavar="S",
+        type=_seconds,
+        default=0.01,
+        help="largest difference of two stamps that belong together, seconds (default %(default)s)",
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Evaluate every trajectory there is.
+
+    Raises:
+        InputError: missing or unreadable files, trajectories that cannot be compared, or an unwritable folder.
+    """
+    from ceiling_dso_ros.evaluation.alignment import AlignmentKind
+    from ceiling_dso_ros.evaluation.figures import write_figures
+    from ceiling_dso_ros.evaluation.report import EvaluationError, evaluate_trajectory, tables
+    from ceiling_dso_ros.io.trajectory import read_tum
+
+    directory = options.directory
+    reference = read_tum(options.reference)
+    estimates = {name: read_tum(path) for name, path in _find_trajectories(directory).items()}
+    evaluations = []
+    for name, estimate in estimates.items():
+        kind = AlignmentKind(TRAJECTORIES[name] if options.align == "auto" else options.align)
+        try:
+            evaluations.append(evaluate_trajectory(name, estimate, reference, kind, options.max_difference))
+        except EvaluationError as error:
+            raise InputError(f"{directory / name}.tum against {options.reference}: {error}") from error
+    print(tables(evaluations))
+
+    numbers = {
+        "reference": str(options.reference),
+        "max_difference_s": options.max_difference,
+        "trajectories": {evaluation.name: evaluation.numbers() for evaluation in evaluations},
+    }
+    start_s = min(estimate.stamps_s[0] for estimate in estimates.values())
+    end_s = max(estimate.stamps_s[-1] for estimate in estimates.values())
+    covered = (reference.stamps_s >= start_s) & (reference.stamps_s <= end_s)
+    try:
+        (directory / "evaluation.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
+        write_figures(directory, reference.positions[covered], evaluations)
+    except OSError as error:
+        raise InputError(f"{directory}: cannot write the evaluation: {error.strerror}") from error
+
+
+def _find_trajectories(directory: Path) -> Dict[str, Path]:
+    paths = {name: directory / f"{name}.tum" for name in TRAJECTORIES}
+    found = {name: path for name, path in paths.items() if path.exists()}
+    if not found:
+        raise InputError(
+            f"{directory}: holds no camera.tum or other trajectory of a run; give the folder of `run --out`"
+        )
+    return found
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number of seconds")
+    return value

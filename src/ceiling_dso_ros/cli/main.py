@@ -1,0 +1,61 @@
+"""The commands of `python3 -m ceiling_dso_ros` and their exit codes."""
+
+import argparse
+import signal
+import sys
+from typing import NoReturn, Optional, Sequence
+
+from ceiling_dso_ros import __version__
+from ceiling_dso_ros.cli import evaluate, run
+from ceiling_dso_ros.io.errors import InputError
+
+DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+COMMANDS = (run, evaluate)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Complains in one line, as everything here does."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG_INPUT, f"error: {message}; see {self.prog} --help\n")
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run a command.
+
+    Args:
+        arguments: the words after the program's name; those of the process when None.
+
+    Returns:
+        The exit code: 0 done, 1 failed while running, 2 wrong usage or unreadable input, 130 interrupted. All but 0
+        come with one line on stderr.
+    """
+    parser = _Parser(prog="python3 -m ceiling_dso_ros", description="Ceiling visual odometry on recordings.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        command.add_parser(commands)
+    options = parser.parse_args(arguments)
+    try:
+        options.execute(options)
+    except KeyboardInterrupt:
+        return _complain("interrupted", INTERRUPTED)
+    except InputError as error:
+        return _complain(str(error), WRONG_INPUT)
+    except Exception as error:  # the last resort: one line instead of a trace
+        if sys.flags.dev_mode:
+            raise
+        return _complain(f"{type(error).__name__}: {error}; python3 -X dev -m ceiling_dso_ros shows where", FAILED)
+    return DONE
+
+
+def interrupt_on_signals() -> None:
+    """Let SIGTERM end the process as Ctrl-C does, and Ctrl-C also where a shell's `&` had switched it off."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    return code

@@ -1,0 +1,159 @@
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.cli.main import main
+from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("CEILING_DSO_DATA", ROOT.parent / "shared" / "data"))
+
+
+def drive(scale=1.0, shift_s=0.0):
+    stamps_s = 50.0 + np.arange(0.0, 10.0, 0.1)
+    t = stamps_s - 50.0
+    positions = scale * np.stack([3.0 * np.sin(t), 2.0 * np.cos(t), 0.1 * t], axis=1)
+    return Trajectory(stamps_s + shift_s, positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)))
+
+
+@pytest.fixture
+def run_folder(tmp_path):
+    """A folder as `run` leaves it, beside its reference."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write_tum(tmp_path / "reference.tum", drive())
+    write_tum(folder / "camera.tum", drive(scale=0.4))
+    write_tum(folder / "camera_final.tum", drive(scale=0.5))
+    return folder
+
+
+def evaluate(folder, *arguments, reference=None):
+    words = ["evaluate", str(folder), "--reference", str(reference or folder.parent / "reference.tum"), *arguments]
+    return subprocess.run(
+        [sys.executable, "-m", "ceiling_dso_ros", *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+    )
+
+
+def assert_refused(result, *texts):
+    assert result.returncode == 2, result
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    for text in texts:
+        assert text in result.stderr
+
+
+def test_writes_numbers_and_figures_and_prints_a_table(run_folder):
+    result = evaluate(run_folder)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {"trajectory.png", "trajectory.svg", "error.png", "error.svg", "evaluation.json"} <= {
+        path.name for path in run_folder.iterdir()
+    }
+    numbers = json.loads((run_folder / "evaluation.json").read_text())
+    assert list(numbers["trajectories"]) == ["camera", "camera_final"]
+    assert numbers["trajectories"]["camera"]["scale"] == pytest.approx(2.5)
+    assert numbers["trajectories"]["camera_final"]["ate_m"]["rmse"] < 1e-6
+    assert "camera_final" in result.stdout
+    assert "ATE" in result.stdout
+
+
+def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_folder):
+    write_tum(run_folder / "fused.tum", drive())
+    reference = str(run_folder.parent / "reference.tum")
+
+    def alignments(*arguments):
+        assert main(["evaluate", str(run_folder), "--reference", reference, *arguments]) == 0
+        trajectories = json.loads((run_folder / "evaluation.json").read_text())["trajectories"]
+        return {name: numbers["alignment"] for name, numbers in trajectories.items()}
+
+    assert alignments() == {"camera": "sim3", "camera_final": "sim3", "fused": "se2"}
+    assert set(alignments("--align", "se3").values()) == {"se3"}
+
+
+def test_running_twice_gives_the_same_bytes(run_folder):
+    assert evaluate(run_folder).returncode == 0
+    first = {path.name: path.read_bytes() for path in run_folder.iterdir()}
+    assert evaluate(run_folder).returncode == 0
+    assert {path.name: path.read_bytes() for path in run_folder.iterdir()} == first
+
+
+def test_missing_reference(run_folder):
+    assert_refused(evaluate(run_folder, reference=run_folder / "gt.tum"), "gt.tum", "No such file")
+
+
+def test_missing_folder(run_folder):
+    assert_refused(evaluate(run_folder / "nowhere", reference=run_folder.parent / "reference.tum"), "nowhere")
+
+
+def test_folder_without_trajectories(run_folder):
+    for path in run_folder.iterdir():
+        path.unlink()
+    assert_refused(evaluate(run_folder), str(run_folder), "camera.tum")
+
+
+def test_trajectory_without_poses(run_folder):
+    (run_folder / "camera.tum").write_text("")
+    assert_refused(evaluate(run_folder), "camera.tum", "no poses")
+
+
+def test_trajectory_with_a_broken_line(run_folder):
+    with (run_folder / "camera.tum").open("a") as file:
+        file.write("100.0 1 2 3\n")
+    assert_refused(evaluate(run_folder), "camera.tum, line 101")
+
+
+def test_no_overlap_in_time(run_folder):
+    write_tum(run_folder / "camera.tum", drive(shift_s=1000.0))
+    assert_refused(evaluate(run_folder), "camera.tum", "1050.000 to 1059.900 s", "50.000 to 59.900 s")
+
+
+def test_fewer_than_three_pairs(run_folder):
+    lines = (run_folder / "camera.tum").read_text().splitlines(keepends=True)
+    (run_folder / "camera.tum").write_text("".join(lines[:2]))
+    assert_refused(evaluate(run_folder), "camera.tum", "2 pairs")
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "soon"])
+def test_wrong_max_difference(run_folder, value):
+    assert_refused(evaluate(run_folder, f"--max-difference={value}"), "--max-difference", value)
+
+
+def test_wrong_alignment(run_folder):
+    assert_refused(evaluate(run_folder, "--align", "best"), "--align", "best")
+
+
+def test_unwritable_folder(run_folder):
+    (run_folder / "evaluation.json").mkdir()
+    assert_refused(evaluate(run_folder), str(run_folder), "Is a directory")
+
+
+@pytest.mark.parametrize("recording", ["tum_fr1_xyz", "ceiling_loops"])
+def test_ate_of_real_trajectories_agrees_with_evo_ape(tmp_path, recording):
+    estimate, reference = DATA / recording / "reference_final.tum", DATA / recording / "groundtruth.tum"
+    if not estimate.exists():
+        pytest.skip(f"{estimate} is missing: set CEILING_DSO_DATA to the folder of the recordings")
+    (tmp_path / "camera_final.tum").write_text(estimate.read_text())
+    assert main(["evaluate", str(tmp_path), "--reference", str(reference)]) == 0
+    ate_m = json.loads((tmp_path / "evaluation.json").read_text())["trajectories"]["camera_final"]["ate_m"]
+    evo_m = evo_ape_statistics(reference, estimate, tmp_path)
+    for name in ("rmse", "mean", "median", "max"):
+        assert ate_m[name] == pytest.approx(evo_m[name], abs=1e-6)
+
+
+def evo_ape_statistics(reference, estimate, folder):
+    """What the command `evo_ape tum REFERENCE ESTIMATE -as` computes."""
+    saved = folder / "evo.zip"
+    words = ["tum", str(reference), str(estimate), "-as", "--save_results", str(saved)]
+    start = "from evo.entry_points import ape; ape()"
+    environment = {**os.environ, "HOME": str(folder)}  # where evo keeps its settings
+    subprocess.run([sys.executable, "-c", start, *words], env=environment, check=True, capture_output=True)
+    with zipfile.ZipFile(saved) as archive:
+        return json.loads(archive.read("stats.json"))
