@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""dso_node on images of a ceiling: the poses are those of the odometry itself."""
+"""dso_node on images of a ceiling: its poses are those of the odometry itself."""
 
 import os
 import sys
@@ -10,9 +10,12 @@ import cv2
 import numpy as np
 import rospy
 import rostest
-from dso_node_player import Player, image_message, wait_until
+from dso_node_player import Player, compressed_message, wait_until
+from dynamic_reconfigure.client import Client
+from sensor_msgs.msg import CompressedImage
 
 from ceiling_dso_ros.dso import DirectOdometry, PinholeCamera, TrackingState
+from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.stamps import parse_stamp_ns, seconds
 from ceiling_dso_ros.msg import VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import pose_from_matrix
@@ -24,17 +27,16 @@ FRAMES = 90  # a map is there after about half of them
 
 
 def read_frames():
-    """(pixels, stamp_ns, exposure_ms) of the first images."""
+    """(bytes of the JPEG, stamp_ns, exposure_ms) of the first images."""
     for line in (FOLDER / "times.txt").read_text().splitlines()[:FRAMES]:
         name, stamp, exposure_ms = line.split()
-        pixels = cv2.imread(str(FOLDER / "images" / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
-        yield pixels, parse_stamp_ns(stamp), float(exposure_ms)
+        yield (FOLDER / "images" / f"{name}.jpg").read_bytes(), parse_stamp_ns(stamp), float(exposure_ms)
 
 
 def components(pose):
     """Position and quaternion of a geometry_msgs/Pose, (7,)."""
-    position, orientation = pose.position, pose.orientation
-    return np.array([position.x, position.y, position.z, orientation.x, orientation.y, orientation.z, orientation.w])
+    p, q = pose.position, pose.orientation
+    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
 
 
 @unittest.skipUnless(FOLDER.is_dir(), f"no recording in {FOLDER}")
@@ -43,7 +45,7 @@ class DsoNodeCeiling(unittest.TestCase):
     def setUpClass(cls):
         """Play the recording, each image when the one before is done."""
         cls.frames = list(read_frames())
-        cls.player = Player()
+        cls.player = Player("camera/up/image_raw/compressed", CompressedImage)
         cls.player.calibrate(CAMERA.width, CAMERA.height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
         wait_until(lambda: cls.play(0).state != VisualOdometryStatus.WAITING, "the calibration is not taken up")
         cls.statuses = [cls.player.statuses[-1], *(cls.play(index) for index in range(1, FRAMES))]
@@ -52,14 +54,14 @@ class DsoNodeCeiling(unittest.TestCase):
 
     @classmethod
     def play(cls, index):
-        pixels, stamp_ns, exposure_ms = cls.frames[index]
-        return cls.player.play(image_message(pixels, stamp_ns), exposure_ms)
+        jpeg, stamp_ns, exposure_ms = cls.frames[index]
+        return cls.player.play(compressed_message(jpeg, stamp_ns), exposure_ms)
 
     def test_every_pose_is_that_of_the_odometry(self):
         odometry = DirectOdometry(CAMERA)
         statuses = [
-            odometry.track(pixels.astype(np.float32), seconds(stamp_ns), exposure_ms)
-            for pixels, stamp_ns, exposure_ms in self.frames
+            odometry.track(decode_compressed(jpeg).astype(np.float32), seconds(stamp_ns), exposure_ms)
+            for jpeg, stamp_ns, exposure_ms in self.frames
         ]
         expected = [status for status in statuses if status.state is TrackingState.TRACKING]
         self.assertGreater(len(expected), FRAMES // 4)
@@ -73,6 +75,7 @@ class DsoNodeCeiling(unittest.TestCase):
             )
 
     def test_odometry_says_what_it_knows(self):
+        self.assertTrue(self.player.odometry)
         for message in self.player.odometry:
             self.assertEqual((message.header.frame_id, message.child_frame_id), ("vo", "camera"))
             covariance = np.reshape(message.pose.covariance, (6, 6))
@@ -92,11 +95,33 @@ class DsoNodeCeiling(unittest.TestCase):
         self.assertGreater(len(newest), 1)
         self.assertEqual(newest, sorted(newest))
 
+    def test_path_holds_the_newest_poses(self):
+        path = self.player.paths[-1]
+        self.assertEqual(path.header.frame_id, "vo")
+        stamps = [message.header.stamp for message in self.player.odometry]
+        self.assertEqual([pose.header.stamp for pose in path.poses], stamps[: len(path.poses)])
+
     def test_z_plays_the_recording_again(self):
-        """Time goes backwards: the odometry starts anew and finds its way again."""
+        """Time goes backwards: the odometry starts anew; settings change while the node runs."""
+        Client("dso_node").update_configuration({"path_length": 10, "path_period": 0.0})
         again = [self.play(index) for index in range(FRAMES)]
         self.assertEqual([status.state for status in again], [status.state for status in self.statuses])
         self.assertEqual({status.segment for status in again}, {0})
+        wait_until(lambda: self.player.paths[-1].header.stamp == again[-1].header.stamp, "the path is not up to date")
+        self.assertEqual(len(self.player.paths[-1].poses), 10)
+
+    def test_zz_covered_lens(self):
+        """Odometry goes on with the last pose and says that nothing is known of it any more."""
+        last = self.player.odometry[-1]
+        black = cv2.imencode(".jpg", np.zeros((CAMERA.height, CAMERA.width), np.uint8))[1].tobytes()
+        stamps_ns = [self.frames[-1][1] + 33_000_000 * number for number in range(1, 11)]
+        states = [self.player.play(compressed_message(black, stamp_ns), 1.0).state for stamp_ns in stamps_ns]
+        self.assertIn(VisualOdometryStatus.LOST, states)
+        self.assertNotEqual(states[-1], VisualOdometryStatus.TRACKING)
+        wait_until(lambda: self.player.odometry[-1].header.stamp.to_nsec() == stamps_ns[-1], "odometry stops")
+        blind = self.player.odometry[-1]
+        self.assertEqual(np.reshape(blind.pose.covariance, (6, 6)).diagonal().tolist(), [9999.0] * 6)
+        np.testing.assert_allclose(components(blind.pose.pose), components(last.pose.pose), atol=1.0)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@ import threading
 import time
 
 import rospy
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 
 from ceiling_dso_ros.msg import Exposure, Keyframes, VisualOdometryStatus
 
@@ -14,26 +15,32 @@ TIMEOUT_S = 120.0  # the first image may have to wait for compilation
 
 def image_message(pixels, stamp_ns):
     """mono8 sensor_msgs/Image of (H, W) uint8."""
-    message = Image(encoding="mono8", data=pixels.tobytes())
-    message.header.stamp = rospy.Time(0, stamp_ns)
-    message.header.frame_id = "camera"
-    message.height, message.width = pixels.shape
-    message.step = pixels.shape[1]
-    return message
+    height, width = pixels.shape
+    return Image(_header(stamp_ns), height, width, "mono8", 0, width, pixels.tobytes())
+
+
+def compressed_message(data, stamp_ns):
+    """sensor_msgs/CompressedImage of the bytes of a JPEG file."""
+    return CompressedImage(_header(stamp_ns), "jpeg", data)
+
+
+def _header(stamp_ns):
+    return Header(stamp=rospy.Time(0, stamp_ns), frame_id="camera")
 
 
 class Player:
     """Publishers and subscribers around dso_node in this namespace."""
 
-    def __init__(self):
-        self.statuses, self.odometry, self.keyframes = [], [], []
+    def __init__(self, image_topic="camera/up/image_raw", image_type=Image):
+        self.statuses, self.odometry, self.keyframes, self.paths = [], [], [], []
         self._arrived = threading.Condition()
         self._subscribers = [
             rospy.Subscriber("visual_odometry/odometry", Odometry, self.odometry.append),
             rospy.Subscriber("visual_odometry/keyframes", Keyframes, self.keyframes.append),
+            rospy.Subscriber("visual_odometry/path", Path, self.paths.append),
             rospy.Subscriber("visual_odometry/status", VisualOdometryStatus, self._on_status),
         ]
-        self._image = rospy.Publisher("camera/up/image_raw", Image, queue_size=1000)
+        self._image = rospy.Publisher(image_topic, image_type, queue_size=1000)
         self._camera_info = rospy.Publisher("camera/up/camera_info", CameraInfo, queue_size=10)
         self._exposure = rospy.Publisher("camera/up/exposure", Exposure, queue_size=1000)
         ends = [*self._subscribers, self._image, self._camera_info, self._exposure]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("rospy", reason="needs ROS")
+pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
 pytestmark = pytest.mark.ros
 
 from sensor_msgs.msg import Image  # noqa: E402

@@ -49,16 +49,13 @@ class OdometryPublisher:
             camera_frame_id: optical frame of the camera.
             status: what the odometry says of the image.
         """
-        if status.segment != self._segment:
-            self.reset()
-            self._segment = status.segment
         if status.keyframes:
             self._keyframes.publish(keyframes_message(header, status.keyframes))
         if status.T_world_camera is not None:
             covariance = self._settings.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)
             self._last_pose = status.T_world_camera
             self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, covariance))
-            self._publish_pose(PoseStamped(header, pose_from_matrix(self._last_pose)))
+            self._publish_pose(PoseStamped(header, pose_from_matrix(self._last_pose)), status.segment)
         elif self._last_pose is not None:
             # The last pose, of which nothing is known any more: those who take odometry expect it to go on.
             self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, unknown_covariance()))
@@ -67,8 +64,11 @@ class OdometryPublisher:
         """Publish the status of an image."""
         self._status.publish(status)
 
-    def _publish_pose(self, pose: PoseStamped) -> None:
+    def _publish_pose(self, pose: PoseStamped, segment: int) -> None:
         self._pose.publish(pose)
+        if segment != self._segment:
+            self._segment = segment
+            self._poses.clear()
         self._poses.append(pose)
         del self._poses[: -self._settings.path_length]
         now_s = time.monotonic()
