@@ -1,6 +1,6 @@
-"""Tells catkin where the Python package lies. Not to be called by hand: build with catkin."""
+"""Tells catkin where the Python packages lie. Not to be called by hand: build with catkin."""
 
 from catkin_pkg.python_setup import generate_distutils_setup
-from setuptools import setup
+from setuptools import find_packages, setup
 
-setup(**generate_distutils_setup(packages=["ceiling_dso_ros"], package_dir={"": "src"}))
+setup(**generate_distutils_setup(packages=find_packages("src"), package_dir={"": "src"}))
