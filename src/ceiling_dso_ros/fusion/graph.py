@@ -1,0 +1,284 @@
+"""The factor graph: base poses and log-scales of the keyframes, tied by wheels and camera.
+
+`WindowGraph` keeps the newest keyframes for the live estimate; what leaves the window stays as a Gaussian prior on the
+oldest that remain. `smooth` solves the graph of a whole recording at once, built from the same factors.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Deque, Dict, List, Optional, Sequence
+
+import gtsam
+import numpy as np
+
+from ceiling_dso_ros.fusion import factors
+from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.visual import VisualMotion
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+
+ANCHOR_SIGMA = 1e-5  # metres and rad: the first pose is where odom is
+FIRST_HEIGHT_M = 4.0  # of a ceiling that nobody told, with a sigma of 1: 1.5 to 11 m
+FIRST_HEIGHT_SIGMA = 1.0
+MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
+COST_TOLERANCE = 1e-4  # half a squared sigma is 1
+STANDING_SHIFT = 0.01  # units: the scale may drift as over this way even when a keyframe is made on the spot
+
+
+@dataclass(frozen=True)
+class Interval:
+    """What ties node `end` - 1 to node `end`. Node 0 is the anchor, the others are keyframes.
+
+    Attributes:
+        end: number of the later node.
+        stamp_s: its stamp.
+        wheels: motion of the wheels.
+        visual: motion of the camera; None when there is none, or none that can be used.
+        continues: the scale of the end follows from that of the start: same segment, no jump.
+        wheels_slip: the wheels contradict the camera and are hardly believed.
+    """
+
+    end: int
+    stamp_s: float
+    wheels: WheelMotion
+    visual: Optional[VisualMotion] = None
+    continues: bool = False
+    wheels_slip: bool = False
+
+
+@dataclass(frozen=True)
+class GraphEstimate:
+    """The newest keyframe as the graph sees it.
+
+    Attributes:
+        stamp_s: its stamp.
+        pose: (3,) base in odom.
+        covariance: (3, 3) of the pose, mean wheel radius taken as exact.
+        log_scale: logarithm of metres per visual unit.
+        scale_sigma: its standard deviation, mean wheel radius taken as exact.
+        constants: (2,) logarithms of wheel ratio and wheel base relative to nominal.
+        constants_covariance: (2, 2) of them.
+    """
+
+    stamp_s: float
+    pose: np.ndarray
+    covariance: np.ndarray
+    log_scale: float
+    scale_sigma: float
+    constants: np.ndarray
+    constants_covariance: np.ndarray
+
+
+class FactorBuilder:
+    """Turns intervals into factors."""
+
+    def __init__(self, config: FusionConfig, noise: WheelNoise) -> None:
+        self._config = config
+        self._noise = noise
+        self._estimate_wheels = config.graph.estimate_wheels
+        known = noise.constants_covariance(with_radius=False)
+        self._unmodelled = np.zeros((3, 3)) if self._estimate_wheels else known
+        visual = config.visual
+        sigmas = np.array([visual.translation_sigma, visual.translation_sigma, visual.yaw_sigma_rad])
+        self._visual_noise = gtsam.noiseModel.Robust.Create(
+            gtsam.noiseModel.mEstimator.Huber.Create(visual.robust_threshold), gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+        )
+
+    def first_factors(self, pose: np.ndarray) -> List[gtsam.NonlinearFactor]:
+        """The one absolute anchor, and the priors of the constants if they are estimated."""
+        anchor = gtsam.noiseModel.Isotropic.Sigma(3, ANCHOR_SIGMA)
+        result = [gtsam.PriorFactorPose2(factors.pose_key(0), gtsam.Pose2(*pose), anchor)]
+        if self._estimate_wheels:
+            wheels = self._config.wheels
+            sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([wheels.ratio_sigma, wheels.base_sigma]))
+            yaw = gtsam.noiseModel.Isotropic.Sigma(1, self._config.graph.camera_yaw_sigma_rad)
+            result.append(gtsam.PriorFactorVector(factors.WHEEL_KEY, np.zeros(2), sigmas))
+            result.append(gtsam.PriorFactorDouble(factors.CAMERA_YAW_KEY, 0.0, yaw))
+        return result
+
+    def first_values(self, pose: np.ndarray) -> gtsam.Values:
+        """Values of the variables of `first_factors`."""
+        values = gtsam.Values()
+        values.insert(factors.pose_key(0), gtsam.Pose2(*pose))
+        if self._estimate_wheels:
+            values.insert_vector(factors.WHEEL_KEY, np.zeros(2))
+            values.insert(factors.CAMERA_YAW_KEY, 0.0)
+        return values
+
+    def factors(self, interval: Interval) -> List[gtsam.NonlinearFactor]:
+        """The factors of one interval: wheels always, camera where it saw the motion, scale."""
+        i, j = factors.pose_key(interval.end - 1), factors.pose_key(interval.end)
+        scale = factors.scale_key(interval.end)
+        wheel_noise = gtsam.noiseModel.Gaussian.Covariance(self._wheel_covariance(interval))
+        wheel_factor = factors.calibrated_wheel_factor if self._estimate_wheels else factors.wheel_factor
+        result = [wheel_factor((i, j), interval.wheels, wheel_noise), self._scale_factor(interval)]
+        if interval.visual is not None:
+            keys = (i, j, scale)
+            result.append(factors.visual_factor(keys, interval.visual, self._visual_noise, self._estimate_wheels))
+        return result
+
+    def first_log_scale(self) -> float:
+        """Where the estimate of a new segment's scale begins."""
+        return math.log(self._config.scale.ceiling_height_m or FIRST_HEIGHT_M)
+
+    def _scale_factor(self, interval: Interval) -> gtsam.NonlinearFactor:
+        end = factors.scale_key(interval.end)
+        config = self._config.scale
+        if interval.continues:
+            way = STANDING_SHIFT if interval.visual is None else max(STANDING_SHIFT, np.hypot(*interval.visual.shift))
+            walk = gtsam.noiseModel.Isotropic.Sigma(1, config.walk_sigma * math.sqrt(way))
+            return gtsam.BetweenFactorDouble(factors.scale_key(interval.end - 1), end, 0.0, walk)
+        sigma = config.height_sigma if config.ceiling_height_m else FIRST_HEIGHT_SIGMA
+        return gtsam.PriorFactorDouble(end, self.first_log_scale(), gtsam.noiseModel.Isotropic.Sigma(1, sigma))
+
+    def _wheel_covariance(self, interval: Interval) -> np.ndarray:
+        covariance = self._noise.covariance(interval.wheels, self._unmodelled)
+        if interval.wheels_slip:  # a wheel can have turned several times as far as the robot went
+            forward, left, turn = interval.wheels.pose
+            reach = 3.0 * (math.hypot(forward, left) + 0.5 * self._noise.wheel_base_m * abs(turn)) + 0.05
+            covariance = covariance + np.diag([reach, reach, 2.0 * reach / self._noise.wheel_base_m]) ** 2
+        return covariance
+
+
+class WindowGraph:
+    """The live estimate over the newest keyframes; its cost does not grow with the way."""
+
+    def __init__(self, config: FusionConfig, noise: WheelNoise, stamp_s: float, pose: np.ndarray) -> None:
+        self._builder = FactorBuilder(config, noise)
+        self._window = config.graph.window
+        self._constants_covariance = noise.constants_covariance(with_radius=False)[1:, 1:]
+        self._estimate_wheels = config.graph.estimate_wheels
+        self._prior = self._builder.first_factors(pose)
+        self._values = self._builder.first_values(pose)
+        self._intervals: Deque[Interval] = deque()
+        self._factors: Dict[int, List[gtsam.NonlinearFactor]] = {}
+        self._parameters = gtsam.LevenbergMarquardtParams()
+        self._parameters.setMaxIterations(MAX_ITERATIONS)
+        self._parameters.setRelativeErrorTol(COST_TOLERANCE)
+        self._parameters.setAbsoluteErrorTol(COST_TOLERANCE)
+        self.retired: List[Interval] = []
+
+    @property
+    def intervals(self) -> Sequence[Interval]:
+        """The intervals of the window, the oldest first."""
+        return self._intervals
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest node."""
+        return self._intervals[-1].end if self._intervals else 0
+
+    def add(self, interval: Interval) -> None:
+        """Append the newest keyframe, and turn what leaves the window into a prior."""
+        step = interval.wheels.pose.copy()
+        if interval.visual is not None:  # the camera turns more exactly than the wheels, and needs no scale for it
+            step[2] = interval.visual.yaw
+        pose = self._values.atPose2(factors.pose_key(interval.end - 1)).compose(gtsam.Pose2(*step))
+        log_scale = self._builder.first_log_scale()
+        if interval.continues:
+            log_scale = self._values.atDouble(factors.scale_key(interval.end - 1))
+        self._values.insert(factors.pose_key(interval.end), pose)
+        self._values.insert(factors.scale_key(interval.end), log_scale)
+        self._intervals.append(interval)
+        self._factors[interval.end] = self._builder.factors(interval)
+        if len(self._intervals) > self._window:
+            self._marginalise_oldest()
+
+    def revise(self, end: int, **changes: object) -> None:
+        """Change what is known of an interval; without effect on one that has left the window."""
+        oldest = self._intervals[0].end if self._intervals else end + 1
+        if end < oldest:
+            return
+        interval = replace(self._intervals[end - oldest], **changes)
+        self._intervals[end - oldest] = interval
+        self._factors[end] = self._builder.factors(interval)
+
+    def optimize(self) -> GraphEstimate:
+        """Estimate all variables of the window."""
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in self._prior:
+            graph.push_back(factor)
+        for interval in self._intervals:
+            for factor in self._factors[interval.end]:
+                graph.push_back(factor)
+        self._values = gtsam.LevenbergMarquardtOptimizer(graph, self._values, self._parameters).optimize()
+        return self._estimate(gtsam.Marginals(graph, self._values))
+
+    def _estimate(self, marginals: gtsam.Marginals) -> GraphEstimate:
+        pose_key, scale_key = factors.pose_key(self.newest), factors.scale_key(self.newest)
+        pose = self._values.atPose2(pose_key)
+        constants, constants_covariance = np.zeros(2), self._constants_covariance
+        if self._estimate_wheels:
+            constants = self._values.atVector(factors.WHEEL_KEY)
+            constants_covariance = marginals.marginalCovariance(factors.WHEEL_KEY)
+        return GraphEstimate(
+            self._intervals[-1].stamp_s,
+            np.array([pose.x(), pose.y(), pose.theta()]),
+            marginals.marginalCovariance(pose_key),
+            self._values.atDouble(scale_key),
+            math.sqrt(marginals.marginalCovariance(scale_key)[0, 0]),
+            constants,
+            constants_covariance,
+        )
+
+    def _marginalise_oldest(self) -> None:
+        """Eliminate the oldest node from the factors that touch it; what they say of the others becomes the prior."""
+        interval = self._intervals.popleft()
+        touching = gtsam.NonlinearFactorGraph()
+        for factor in self._prior + self._factors.pop(interval.end):
+            touching.push_back(factor)
+        oldest = [factors.pose_key(interval.end - 1), factors.scale_key(interval.end - 1)]
+        oldest = [key for key in oldest if self._values.exists(key)]
+        _, remaining = touching.linearize(self._values).eliminatePartialSequential(oldest)
+        self._prior = [
+            gtsam.LinearContainerFactor(remaining.at(index), self._values) for index in range(remaining.size())
+        ]
+        for key in oldest:
+            self._values.erase(key)
+        self.retired.append(interval)
+
+
+@dataclass(frozen=True)
+class SmoothedNode:
+    """One keyframe of the whole graph's solution."""
+
+    stamp_s: float
+    pose: np.ndarray
+    log_scale: float
+
+
+def smooth(
+    intervals: Sequence[Interval], config: FusionConfig, noise: WheelNoise, pose: np.ndarray
+) -> List[SmoothedNode]:
+    """Solve the graph of a whole recording.
+
+    Args:
+        intervals: all of them, from the anchor on.
+        config: the settings of the live estimate.
+        noise: error model of the wheels.
+        pose: (3,) of the anchor.
+    """
+    builder = FactorBuilder(config, noise)
+    graph = gtsam.NonlinearFactorGraph()
+    values = builder.first_values(pose)
+    for factor in builder.first_factors(pose):
+        graph.push_back(factor)
+    guess, log_scale = gtsam.Pose2(*pose), builder.first_log_scale()
+    for interval in intervals:
+        guess = guess.compose(gtsam.Pose2(*interval.wheels.pose))
+        values.insert(factors.pose_key(interval.end), guess)
+        values.insert(factors.scale_key(interval.end), log_scale)
+        for factor in builder.factors(interval):
+            graph.push_back(factor)
+    solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    nodes = []
+    for interval in intervals:
+        found = solution.atPose2(factors.pose_key(interval.end))
+        nodes.append(
+            SmoothedNode(
+                interval.stamp_s,
+                np.array([found.x(), found.y(), found.theta()]),
+                solution.atDouble(factors.scale_key(interval.end)),
+            )
+        )
+    return nodes

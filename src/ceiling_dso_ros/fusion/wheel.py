@@ -1,0 +1,222 @@
+"""Wheel odometry of a differential drive: samples to steps, steps to motions with covariance.
+
+A step is an arc driven with constant twist between two samples, integrated exactly by `planar.expmap`. The motion over
+several steps keeps apart what its error comes from: white noise of the wheels, and constants of the robot (mean radius,
+ratio of the radii, wheel base) through the derivative of the pose by their logarithms.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Callable, Optional, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+
+INT32_RANGE = 2**32
+
+
+@dataclass(frozen=True)
+class WheelStep:
+    """What the wheels did between two samples.
+
+    Attributes:
+        start_s, end_s: stamps of the samples, seconds.
+        twist: (3,) arc in the base frame at the start: forward m, left m, turn rad.
+        known: False when the samples do not tell (a counter was restarted): the twist is then a guess.
+    """
+
+    start_s: float
+    end_s: float
+    twist: np.ndarray
+    known: bool = True
+
+    @property
+    def rate(self) -> np.ndarray:
+        """(3,) m/s, m/s, rad/s."""
+        return self.twist / (self.end_s - self.start_s)
+
+    def clip(self, start_s: float, end_s: float) -> Optional["WheelStep"]:
+        """The part of the step within [start_s, end_s]; None when nothing is."""
+        start_s, end_s = max(start_s, self.start_s), min(end_s, self.end_s)
+        if end_s <= start_s:
+            return None
+        return WheelStep(start_s, end_s, self.rate * (end_s - start_s), self.known)
+
+
+@dataclass(frozen=True)
+class WheelMotion:
+    """The motion over consecutive steps.
+
+    Attributes:
+        start_s, end_s: seconds.
+        pose: (3,) pose of the base at the end seen from the start.
+        noise: (3, 3) covariance of the pose from white noise.
+        jacobian: (3, 3) derivative of the pose by (ln mean radius, ln ratio right/left, ln wheel base).
+    """
+
+    start_s: float
+    end_s: float
+    pose: np.ndarray
+    noise: np.ndarray
+    jacobian: np.ndarray
+
+    @staticmethod
+    def nothing(stamp_s: float) -> "WheelMotion":
+        """No motion yet."""
+        return WheelMotion(stamp_s, stamp_s, np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+@dataclass(frozen=True)
+class WheelNoise:
+    """The error model of one robot's wheels."""
+
+    config: WheelConfig
+    wheel_base_m: float
+    resolution_m: float  # what one tick is on the floor
+
+    def white(self, step: WheelStep) -> np.ndarray:
+        """(3, 3) covariance of the twist: each wheel's distance errs by noise_m_per_sqrt_m sqrt(distance)."""
+        forward, left, turn = step.twist
+        half_base = 0.5 * self.wheel_base_m
+        k2 = self.config.noise_m_per_sqrt_m**2
+        var_left, var_right = k2 * abs(forward - half_base * turn), k2 * abs(forward + half_base * turn)
+        var_forward = 0.25 * (var_left + var_right)
+        covariance = np.diag([var_forward, 0.25 * var_forward + k2 * abs(left), var_forward / half_base**2])
+        covariance[0, 2] = covariance[2, 0] = 0.25 * (var_right - var_left) / half_base
+        if not step.known:
+            sigma_m = self.config.max_speed_m_s * (step.end_s - step.start_s) / 3.0
+            covariance += np.diag([sigma_m, 0.1 * sigma_m, sigma_m / half_base]) ** 2
+        return covariance
+
+    def sensitivity(self, twist: np.ndarray) -> np.ndarray:
+        """(3, 3) derivative of the twist by (ln mean radius, ln ratio, ln wheel base)."""
+        forward, left, turn = twist
+        base = self.wheel_base_m
+        return np.array([[forward, 0.25 * base * turn, 0.0], [left, 0.0, 0.0], [turn, forward / base, -turn]])
+
+    def extend(self, motion: WheelMotion, step: WheelStep) -> WheelMotion:
+        """The motion with one more step."""
+        back = planar.adjoint(planar.expmap(-step.twist))
+        J = planar.right_jacobian(step.twist)
+        return WheelMotion(
+            motion.start_s,
+            step.end_s,
+            planar.compose(motion.pose, planar.expmap(step.twist)),
+            back @ motion.noise @ back.T + J @ self.white(step) @ J.T,
+            back @ motion.jacobian + J @ self.sensitivity(step.twist),
+        )
+
+    def constants_covariance(self, with_radius: bool) -> np.ndarray:
+        """(3, 3) prior of (ln mean radius, ln ratio, ln wheel base); the radius taken as exact without with_radius."""
+        config = self.config
+        return np.diag([config.radius_sigma if with_radius else 0.0, config.ratio_sigma, config.base_sigma]) ** 2
+
+    def covariance(self, motion: WheelMotion, constants: np.ndarray) -> np.ndarray:
+        """(3, 3) covariance of the motion's pose: white noise, the constants' (3, 3) covariance, the encoders' resolution.
+
+        The position of a wheel is known to one tick at either end however many steps lie between, hence added here.
+        """
+        tick = self.resolution_m / math.sqrt(6.0)
+        resolution = np.diag([tick, tick, 2.0 * tick / self.wheel_base_m]) ** 2
+        return motion.noise + motion.jacobian @ constants @ motion.jacobian.T + resolution
+
+
+class WheelOdometry:
+    """Dead reckoning from encoder samples, or from an odometry that the robot has already.
+
+    Attributes:
+        total: the motion since the first sample.
+        message: what was wrong with the last sample, in words; empty when nothing was.
+        dropped: how many samples were not used.
+    """
+
+    def __init__(self, robot: RobotModel, config: WheelConfig) -> None:
+        config.check()
+        self._robot = robot
+        self._config = config
+        self._signs = np.where(robot.reversed_wheels, -1.0, 1.0)
+        resolution_m = 2.0 * math.pi * max(robot.wheel_radius_m) / robot.ticks_per_turn
+        self.noise = WheelNoise(config, robot.wheel_base_m, resolution_m)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next sample is the origin."""
+        self.total: Optional[WheelMotion] = None
+        self.message = ""
+        self.dropped = 0
+        self._last: Optional[Tuple[float, np.ndarray]] = None
+        self._rate = np.zeros(3)
+
+    @property
+    def covariance_odom(self) -> np.ndarray:
+        """(3, 3) covariance of the total pose (x, y, yaw) in the frame of the origin, the mean radius's error included."""
+        own = self.noise.covariance(self.total, self.noise.constants_covariance(with_radius=True))
+        return planar.rotate_covariance(own, self.total.pose[2])
+
+    def add_ticks(self, stamp_s: float, left: int, right: int) -> Optional[WheelStep]:
+        """Take in int32 counters, which may wrap around.
+
+        Returns:
+            The step since the last sample; None for the first sample and for one that is not used.
+        """
+        return self._add(stamp_s, np.array([left, right], dtype=float), self._twist_of_ticks)
+
+    def add_angles(self, stamp_s: float, left_rad: float, right_rad: float) -> Optional[WheelStep]:
+        """Take in the angles of the wheels, endless or wrapped at a whole turn; returns as `add_ticks`."""
+        return self._add(stamp_s, np.array([left_rad, right_rad]), self._twist_of_angles)
+
+    def add_pose(self, stamp_s: float, pose: np.ndarray) -> Optional[WheelStep]:
+        """Take in the (3,) pose of an odometry as it is; returns as `add_ticks`."""
+        return self._add(stamp_s, np.asarray(pose, dtype=float), self._twist_of_poses)
+
+    def _add(self, stamp_s: float, reading: np.ndarray, twist_of: Callable) -> Optional[WheelStep]:
+        self.message = ""
+        if not (math.isfinite(stamp_s) and np.isfinite(reading).all()):
+            return self._drop(f"wheels: sample with a value that is not finite at {stamp_s} s dropped")
+        if self._last is None:
+            self._last, self.total = (stamp_s, reading), WheelMotion.nothing(stamp_s)
+            return None
+        last_s, last_reading = self._last
+        if stamp_s <= last_s:
+            return self._drop(
+                f"wheels: sample of {stamp_s:.6f} s dropped, it is not later than the last ({last_s:.6f} s)"
+            )
+        self._last = (stamp_s, reading)
+        dt = stamp_s - last_s
+        twist = twist_of(last_reading, reading, dt)
+        known = twist is not None
+        if known:
+            self._rate = twist / dt
+        else:  # the best guess is that the robot went on as before, for a short while
+            twist = self._rate * min(dt, self._config.silence_s)
+            self.message = f"wheels: impossible motion before {stamp_s:.6f} s, counters restarted?"
+        step = WheelStep(last_s, stamp_s, twist, known)
+        self.total = self.noise.extend(self.total, step)
+        return step
+
+    def _drop(self, message: str) -> None:
+        self.message = message
+        self.dropped += 1
+
+    def _twist_of_ticks(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        ticks = (after - before + INT32_RANGE // 2) % INT32_RANGE - INT32_RANGE // 2
+        return self._twist_of_turns(ticks * (2.0 * math.pi / self._robot.ticks_per_turn), dt)
+
+    def _twist_of_angles(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        turns = after - before
+        too_fast = np.abs(turns) * self._robot.wheel_radius_m > self._config.max_speed_m_s * dt
+        wrapped = (turns + math.pi) % (2.0 * math.pi) - math.pi
+        return self._twist_of_turns(np.where(too_fast, wrapped, turns), dt)
+
+    def _twist_of_turns(self, turns_rad: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        left, right = self._signs * turns_rad * self._robot.wheel_radius_m
+        if max(abs(left), abs(right)) > self._config.max_speed_m_s * dt:
+            return None
+        return np.array([0.5 * (left + right), 0.0, (right - left) / self._robot.wheel_base_m])
+
+    def _twist_of_poses(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        twist = planar.logmap(planar.between(before, after))
+        fastest = np.hypot(twist[0], twist[1]) + 0.5 * self._robot.wheel_base_m * abs(twist[2])
+        return None if fastest > self._config.max_speed_m_s * dt else twist

@@ -1,0 +1,79 @@
+"""The recent wheel steps, from which the motion between any two recent stamps can be had."""
+
+from collections import deque
+from typing import Deque, List, Optional
+
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+
+
+class WheelTrack:
+    """Remembers the last seconds of steps, and the motion since a mark however long ago that was set.
+
+    Steps that become older than the horizon are folded into the motion since the mark, so that the memory does not grow
+    while no mark is set. Images of a visual odometry arrive later than the wheels, by its computing time or, when it
+    starts, by the time since its first keyframe: the horizon must cover that.
+    """
+
+    def __init__(self, noise: WheelNoise, horizon_s: float = 10.0) -> None:
+        self._noise = noise
+        self._horizon_s = horizon_s
+        self._steps: Deque[WheelStep] = deque()
+        self._since_mark: Optional[WheelMotion] = None
+
+    @property
+    def empty(self) -> bool:
+        """No step yet."""
+        return not self._steps
+
+    @property
+    def end_s(self) -> float:
+        """Stamp of the newest sample."""
+        return self._steps[-1].end_s
+
+    @property
+    def start_s(self) -> float:
+        """The oldest stamp from which steps are remembered."""
+        return self._steps[0].start_s
+
+    def add(self, step: WheelStep) -> None:
+        """Append the newest step."""
+        if self._since_mark is None:
+            self._since_mark = WheelMotion.nothing(step.start_s)
+        self._steps.append(step)
+        while self._steps[0].end_s < step.end_s - self._horizon_s:
+            self._fold(self._steps.popleft())
+
+    def steps(self, start_s: float, end_s: float) -> List[WheelStep]:
+        """The remembered steps within [start_s, end_s], the outer ones cut."""
+        newest_first = []
+        for step in reversed(self._steps):
+            if step.end_s <= start_s:
+                break
+            part = step.clip(start_s, end_s)
+            if part is not None:
+                newest_first.append(part)
+        return newest_first[::-1]
+
+    def motion(self, start_s: float, end_s: float) -> WheelMotion:
+        """The remembered motion within [start_s, end_s]."""
+        return self._extend(WheelMotion.nothing(start_s), end_s)
+
+    def since_mark(self, end_s: float) -> Optional[WheelMotion]:
+        """The motion from the mark to a stamp; None when the stamp is before the mark, forgotten or still to come."""
+        if self._since_mark is None or not self._since_mark.end_s <= end_s <= self.end_s:
+            return None
+        return self._extend(self._since_mark, end_s)
+
+    def mark(self, stamp_s: float) -> None:
+        """Begin the motion since the mark anew at a stamp that `since_mark` has accepted."""
+        self._since_mark = WheelMotion.nothing(stamp_s)
+
+    def _extend(self, motion: WheelMotion, end_s: float) -> WheelMotion:
+        for step in self.steps(motion.end_s, end_s):
+            motion = self._noise.extend(motion, step)
+        return motion
+
+    def _fold(self, step: WheelStep) -> None:
+        part = step.clip(self._since_mark.end_s, step.end_s)
+        if part is not None:
+            self._since_mark = self._noise.extend(self._since_mark, part)
