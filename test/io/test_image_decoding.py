@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.io.errors import FrameError
-from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_file, decode_image
+from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 
 HEIGHT, WIDTH, PADDING = 6, 10, 3
 
@@ -102,11 +102,3 @@ def test_padding_after_a_jpeg_is_harmless():
 def test_bytes_of_no_image(data):
     with pytest.raises(FrameError, match=rf"not a readable image \({len(data)} bytes\)"):
         decode_compressed(data)
-
-
-def test_files_are_named(tmp_path):
-    with pytest.raises(FrameError, match=re.escape(f"{tmp_path / 'a.png'}: cannot read the image: No such file")):
-        decode_file(tmp_path / "a.png")
-    (tmp_path / "a.png").write_bytes(encode(".png", a_picture())[:100])
-    with pytest.raises(FrameError, match=re.escape(f"{tmp_path / 'a.png'}: truncated image")):
-        decode_file(tmp_path / "a.png")

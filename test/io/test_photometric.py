@@ -134,6 +134,6 @@ def test_a_vignette_that_is_no_image(tmp_path):
     path = tmp_path / "vignette.png"
     path.write_text("no image")
     with pytest.raises(
-        InputError, match=re.escape(f"{path}: not a readable image (8 bytes); delete it if there is no")
+        InputError, match=re.escape(f"{path}: not a readable image (8 bytes); delete the file if there is no")
     ):
         read_photometric(None, path, SIZE)

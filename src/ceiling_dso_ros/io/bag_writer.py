@@ -147,7 +147,8 @@ class BagWriter:
 
     def ticks(self, topic: str, stamp_ns: int, value: int) -> None:
         """Write std_msgs/Int32: the raw counter of one wheel, wrapped into 32 bits."""
-        self.write(topic, stamp_ns, message("std_msgs/Int32", data=int(value)))
+        wrapped = (int(value) + 2**31) % 2**32 - 2**31
+        self.write(topic, stamp_ns, message("std_msgs/Int32", data=wrapped))
 
     def joint_state(
         self,

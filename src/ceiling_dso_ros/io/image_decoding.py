@@ -1,6 +1,5 @@
 """Grey images out of the bytes of messages and files."""
 
-from pathlib import Path
 from typing import Dict, NamedTuple, Optional, Union
 
 import cv2
@@ -82,16 +81,6 @@ def decode_compressed(data: Union[bytes, np.ndarray]) -> np.ndarray:
     if image is None:
         raise FrameError(f"not a readable image ({len(data)} bytes)")
     return image
-
-
-def decode_file(path: Path) -> np.ndarray:
-    """`decode_compressed` of a file; errors name it."""
-    try:
-        return decode_compressed(path.read_bytes())
-    except OSError as error:
-        raise FrameError(f"{path}: cannot read the image: {error.strerror}") from error
-    except FrameError as error:
-        raise FrameError(f"{path}: {error}") from error
 
 
 def _is_truncated(data: bytes) -> bool:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.io.errors import FrameError, InputError
-from ceiling_dso_ros.io.image_decoding import decode_file
+from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.text_files import read_lines
 
 GREY_LEVELS = 256
@@ -106,9 +106,11 @@ def _read_inverse_response(path: Path) -> np.ndarray:
 
 def _read_vignette(path: Path, size: Tuple[int, int]) -> np.ndarray:
     try:
-        raw = decode_file(path)
+        raw = decode_compressed(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the file: {error.strerror}") from error
     except FrameError as error:
-        raise InputError(f"{error}; delete it if there is no vignetting") from error
+        raise InputError(f"{path}: {error}; delete the file if there is no vignetting") from error
     height, width = raw.shape
     if (width, height) != tuple(size):
         raise InputError(f"{path}: the vignette is {width}x{height}, but images are {size[0]}x{size[1]}")

@@ -1,0 +1,142 @@
+"""Recordings in ROS 1 bags, read without ROS."""
+
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Callable, Dict, Iterator, List, Optional, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.io.bag_reader import open_bag, read_messages
+from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
+from ceiling_dso_ros.io.photometric import PhotometricCalibration
+from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, TopicNames, WheelTicks
+from ceiling_dso_ros.io.robot_file import read_robot_file
+from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
+from ceiling_dso_ros.io.static_transforms import StaticTransforms
+from ceiling_dso_ros.io.wheel_messages import ticks_of_counters, ticks_of_joint_states
+
+BASE_FRAME = "base_link"
+
+DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
+    "sensor_msgs/msg/Image": lambda image: decode_image(
+        image.encoding, image.height, image.width, image.step, image.is_bigendian, image.data
+    ),
+    "sensor_msgs/msg/CompressedImage": lambda image: decode_compressed(image.data),
+}
+
+
+class BagRecording(Recording):
+    """A ROS 1 bag, read message by message; only exposures and wheel data are held in memory."""
+
+    def __init__(
+        self,
+        path: Path,
+        topics: TopicNames = TopicNames(),
+        camera_file: Optional[Path] = None,
+        robot_file: Optional[Path] = None,
+    ) -> None:
+        """Look for the images and their calibration.
+
+        Raises:
+            InputError: the bag cannot be read, or what is needed is not in it.
+        """
+        self.path = path
+        self._topics = topics
+        self._robot_file = robot_file
+        with open_bag(path) as reader:
+            connections = reader.connections
+        self._types = {connection.topic: connection.msgtype for connection in connections}
+        self._image_topic = self._find_image_topic()
+        self._length = sum(c.msgcount for c in connections if c.topic == self._image_topic)
+        self.calibration = self._read_camera_info() if camera_file is None else read_camera_file(camera_file)
+        self.photometric = PhotometricCalibration.linear()
+
+    def __len__(self) -> int:
+        return self._length
+
+    def images(self) -> Iterator[ListedImage]:
+        """See Recording."""
+        exposures_ms = self._read_exposures()
+        decode = DECODERS[self._types[self._image_topic]]
+        for number, raw in enumerate(read_messages(self.path, [self._image_topic]), start=1):
+            name = f"{self.path}, {self._image_topic}, message {number}"
+            try:
+                image = raw.content()
+            except FrameError:
+                yield ListedImage(None, None, name, raw.content)
+                continue
+            stamp_ns = header_stamp_ns(image.header)
+            yield ListedImage(stamp_ns, exposures_ms.get(stamp_ns), name, partial(decode, image))
+
+    @cached_property
+    def wheels(self) -> Optional[WheelTicks]:
+        """See Recording."""
+        left, right, joint_states = self._topics.left_ticks, self._topics.right_ticks, self._topics.joint_states
+        if left in self._types and right in self._types:
+            counters: Dict[str, List[Tuple[int, int]]] = {left: [], right: []}
+            for topic, stamp_ns, message in self._contents("std_msgs/msg/Int32", left, right):
+                counters[topic].append((stamp_ns, message.data))  # std_msgs/Int32 has no stamp of its own
+            return ticks_of_counters(counters[left], counters[right])
+        if joint_states in self._types and self.robot is not None:
+            states = [state for _, _, state in self._contents("sensor_msgs/msg/JointState", joint_states)]
+            return ticks_of_joint_states(states, self.robot.ticks_per_turn)
+        return None
+
+    @cached_property
+    def robot(self) -> Optional[RobotDescription]:
+        """See Recording; T_base_camera comes from /tf_static unless the robot file has it."""
+        return None if self._robot_file is None else read_robot_file(self._robot_file, self._read_T_base_camera())
+
+    @property
+    def ground_truth_path(self) -> Optional[Path]:
+        """See Recording; a bag has none."""
+        return None
+
+    def _find_image_topic(self) -> str:
+        wanted = self._topics.image
+        for topic in (wanted, f"{wanted}/compressed"):
+            if self._types.get(topic) in DECODERS:
+                return topic
+        problem = f"holds {self._types[wanted]}, no images" if wanted in self._types else "is not in the bag"
+        topics = sorted(topic for topic, message_type in self._types.items() if message_type in DECODERS)
+        remedy = f"its image topics are {', '.join(topics)}" if topics else "it has no images at all"
+        raise InputError(f"{self.path}: topic {wanted} {problem}; {remedy}")
+
+    def _read_camera_info(self) -> CameraCalibration:
+        topic = self._topics.camera_info or self._topics.beside_image("camera_info")
+        for _, _, info in self._contents("sensor_msgs/msg/CameraInfo", topic):
+            return calibration_from_camera_info(
+                info.width, info.height, info.distortion_model, info.D, info.K, source=f"{self.path}, {topic}"
+            )
+        others = sorted(name for name, kind in self._types.items() if kind == "sensor_msgs/msg/CameraInfo")
+        raise InputError(
+            f"{self.path}: no camera_info on {topic} (in the bag: {', '.join(others) or 'none'}); "
+            "name its topic or give a camera.txt with the calibration"
+        )
+
+    def _read_exposures(self) -> Dict[int, float]:
+        """Milliseconds by the stamp of the image."""
+        topic = self._topics.exposure or self._topics.beside_image("exposure")
+        exposures = (exposure for _, _, exposure in self._contents("ceiling_dso_ros/msg/Exposure", topic))
+        return {header_stamp_ns(e.header): e.exposure_ms for e in exposures if 0 < e.exposure_ms < np.inf}
+
+    def _read_T_base_camera(self) -> Optional[np.ndarray]:
+        for _, _, image in self._contents(self._types[self._image_topic], self._image_topic):
+            static = self._contents("tf2_msgs/msg/TFMessage", "/tf_static")
+            return StaticTransforms(message for _, _, message in static).lookup(
+                BASE_FRAME, image.header.frame_id.lstrip("/")
+            )
+        return None
+
+    def _contents(self, message_type: str, *topics: str) -> Iterator[Tuple[str, int, RosMessage]]:
+        """(topic, stamp_ns of the record, message) of all messages of some topics, none if they are not in the bag."""
+        for topic in topics:
+            if self._types.get(topic, message_type) != message_type:
+                raise InputError(f"{self.path}: topic {topic} holds {self._types[topic]} instead of {message_type}")
+        for raw in read_messages(self.path, topics):
+            try:
+                yield raw.topic, raw.stamp_ns, raw.content()
+            except FrameError as error:
+                raise InputError(f"{self.path}, {raw.topic}: {error}; leave the topic out or repair the bag") from error

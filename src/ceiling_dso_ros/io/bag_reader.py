@@ -1,0 +1,78 @@
+"""Streams messages out of ROS 1 bags; whatever is wrong with a bag becomes an InputError of one line."""
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Iterator, NamedTuple, Sequence
+
+from rosbags.rosbag1 import Reader
+
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
+
+MAGIC = b"#ROSBAG V2.0\n"
+
+
+class RawMessage(NamedTuple):
+    """A message as it lies in the bag.
+
+    Attributes:
+        topic: its topic.
+        stamp_ns: when it was recorded, nanoseconds.
+        message_type: as in "sensor_msgs/msg/Image".
+        data: serialised content.
+    """
+
+    topic: str
+    stamp_ns: int
+    message_type: str
+    data: bytes
+
+    def content(self) -> RosMessage:
+        """The message itself.
+
+        Raises:
+            FrameError: the bytes are not those of such a message.
+        """
+        try:
+            return TYPES.deserialize_ros1(self.data, self.message_type)
+        except Exception as error:  # damaged bytes end in errors of any kind
+            raise FrameError(f"damaged message of {len(self.data)} bytes") from error
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Reader]:
+    """The bag's index and messages.
+
+    Raises:
+        InputError: the file is not a ROS 1 bag, is not indexed, or is damaged where the caller reads it.
+    """
+    try:
+        with path.open("rb") as file:
+            magic = file.read(len(MAGIC))
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the bag: {error.strerror}") from error
+    if magic != MAGIC:
+        raise InputError(f"{path}: is not a ROS 1 bag (format 2.0)")
+    try:
+        with Reader(path) as reader:
+            yield reader
+    except (InputError, FrameError):
+        raise
+    except Exception as error:  # rosbags meets damaged bytes with errors of any kind
+        raise InputError(
+            f"{path}: the bag is not indexed or damaged ({str(error) or type(error).__name__}); "
+            "'rosbag reindex' may repair it"
+        ) from error
+
+
+def read_messages(path: Path, topics: Sequence[str]) -> Iterator[RawMessage]:
+    """All messages of some topics in the order of their recording, one at a time.
+
+    Raises:
+        InputError: the bag cannot be read on.
+    """
+    with open_bag(path) as reader:
+        connections = [connection for connection in reader.connections if connection.topic in topics]
+        if connections:  # none would mean all
+            for connection, stamp_ns, data in reader.messages(connections):
+                yield RawMessage(connection.topic, stamp_ns, connection.msgtype, data)

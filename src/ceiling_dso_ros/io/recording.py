@@ -1,0 +1,235 @@
+"""What a recording is, whether it comes from a folder or from a bag."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Callable, Iterator, Optional, Tuple, Union
+
+import numpy as np
+
+from ceiling_dso_ros.io.camera_models import CameraCalibration
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.photometric import PhotometricCalibration
+from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, seconds
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image as it was recorded.
+
+    Attributes:
+        stamp_s: seconds.
+        exposure_ms: exposure time, None when unknown.
+        image: (H, W) uint8 or uint16, raw.
+    """
+
+    stamp_s: float
+    exposure_ms: Optional[float]
+    image: np.ndarray
+
+
+@dataclass(frozen=True)
+class SkippedFrame:
+    """Stands for an image that cannot be used.
+
+    Attributes:
+        stamp_s: seconds, None when unknown.
+        reason: one line that names the image and says what is wrong.
+    """
+
+    stamp_s: Optional[float]
+    reason: str
+
+
+@dataclass(frozen=True)
+class ListedImage:
+    """An image that a recording lists, not read yet.
+
+    Attributes:
+        stamp_ns: nanoseconds, None when unknown.
+        exposure_ms: exposure time, None when unknown.
+        name: names the image in messages.
+        decode: gives the raw image (H, W) uint8 or uint16, or raises FrameError.
+    """
+
+    stamp_ns: Optional[int]
+    exposure_ms: Optional[float]
+    name: str
+    decode: Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class WheelTicks:
+    """Wheel encoder counters as recorded; they may wrap around.
+
+    Attributes:
+        stamps_ns: (N,) int64 nanoseconds, increasing.
+        left, right: (N,) int64.
+    """
+
+    stamps_ns: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+
+    @property
+    def stamps_s(self) -> np.ndarray:
+        """(N,) float64 seconds, rounded as those of frames are."""
+        return self.stamps_ns / float(NANOSECONDS)
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A differential drive with its camera, nominal values.
+
+    Attributes:
+        ticks_per_turn: encoder ticks per turn of a wheel.
+        wheel_radius_m: left, right.
+        wheel_base_m: distance between the wheels.
+        T_base_camera: (4, 4) pose of the camera's optical frame in base_link.
+    """
+
+    ticks_per_turn: float
+    wheel_radius_m: Tuple[float, float]
+    wheel_base_m: float
+    T_base_camera: np.ndarray
+
+
+@dataclass(frozen=True)
+class TopicNames:
+    """Topics of a bag; the defaults are those of the simulator.
+
+    Attributes:
+        image: sensor_msgs/Image or sensor_msgs/CompressedImage (`/compressed` may be left out).
+        camera_info: sensor_msgs/CameraInfo; None for the one beside the image topic.
+        exposure: ceiling_dso_ros/Exposure, optional in the bag; None for the one beside the image topic.
+        left_ticks, right_ticks: std_msgs/Int32 counters of the wheels, optional in the bag.
+        joint_states: sensor_msgs/JointState with the wheels' angles, used where there are no ticks.
+    """
+
+    image: str = "/camera/up/image_raw"
+    camera_info: Optional[str] = None
+    exposure: Optional[str] = None
+    left_ticks: str = "/wheel/left/ticks"
+    right_ticks: str = "/wheel/right/ticks"
+    joint_states: str = "/joint_states"
+
+    def beside_image(self, name: str) -> str:
+        """The topic of that name in the namespace of the image topic."""
+        image = self.image[: -len("/compressed")] if self.image.endswith("/compressed") else self.image
+        return f"{image.rpartition('/')[0]}/{name}"
+
+
+class Recording(ABC):
+    """A camera's images with their calibration, and whatever else was recorded.
+
+    Attributes:
+        path: the folder or the bag.
+        calibration: of the camera.
+        photometric: of the camera.
+    """
+
+    path: Path
+    calibration: CameraCalibration
+    photometric: PhotometricCalibration
+
+    @property
+    def name(self) -> str:
+        """Name of the folder or of the bag, without its ending."""
+        return self.path.resolve().stem
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of images listed, good or bad."""
+
+    @abstractmethod
+    def images(self) -> Iterator[ListedImage]:
+        """All images listed, in the order of the recording.
+
+        Raises:
+            InputError: the recording turns out to be damaged.
+        """
+
+    @property
+    @abstractmethod
+    def wheels(self) -> Optional[WheelTicks]:
+        """Wheel encoders, None where there are none.
+
+        Raises:
+            InputError: they cannot be read.
+        """
+
+    @property
+    @abstractmethod
+    def robot(self) -> Optional[RobotDescription]:
+        """Dimensions of the robot, None where they are unknown.
+
+        Raises:
+            InputError: they cannot be read.
+        """
+
+    @property
+    @abstractmethod
+    def ground_truth_path(self) -> Optional[Path]:
+        """TUM file with the true poses of the camera's optical frame, None where there is none."""
+
+    def frames(self) -> Iterator[Union[Frame, SkippedFrame]]:
+        """All images in the order of the recording, each one read when it is asked for.
+
+        A bad image (unreadable, of another size, or whose stamp does not grow) comes as a SkippedFrame.
+
+        Raises:
+            InputError: the recording turns out to be damaged.
+        """
+        last_ns = -1
+        for listed in self.images():
+            stamp_s = None if listed.stamp_ns is None else seconds(listed.stamp_ns)
+            try:
+                image = self._read(listed, last_ns)
+            except FrameError as error:
+                yield SkippedFrame(stamp_s, f"{listed.name}: {error}; frame skipped")
+                continue
+            last_ns = listed.stamp_ns
+            yield Frame(stamp_s, listed.exposure_ms, image)
+
+    def _read(self, listed: ListedImage, last_ns: int) -> np.ndarray:
+        if listed.stamp_ns is not None and listed.stamp_ns <= last_ns:
+            how = "repeats" if listed.stamp_ns == last_ns else "lies before"
+            raise FrameError(f"the stamp {format_stamp(listed.stamp_ns)} {how} that of the last frame")
+        image = listed.decode()
+        lens = self.calibration.lens
+        if image.shape != (lens.height, lens.width):
+            raise FrameError(
+                f"the image is {image.shape[1]}x{image.shape[0]}, but the calibration is for {lens.width}x{lens.height}"
+            )
+        return image
+
+
+def open_recording(
+    path: Union[str, Path],
+    topics: TopicNames = TopicNames(),
+    camera_file: Optional[Union[str, Path]] = None,
+    robot_file: Optional[Union[str, Path]] = None,
+) -> Recording:
+    """Open a folder in the TUM-mono layout or a ROS 1 bag.
+
+    Args:
+        path: folder or bag.
+        topics: where to look in a bag.
+        camera_file: a `camera.txt` instead of the recording's own calibration.
+        robot_file: a `robot.yaml` instead of the folder's own; a bag has none.
+
+    Raises:
+        InputError: there is no recording, or it cannot be used.
+    """
+    # These build upon this module.
+    from ceiling_dso_ros.io.bag import BagRecording
+    from ceiling_dso_ros.io.tum_folder import TumFolderRecording
+
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: there is no such folder or bag")
+    camera_path = None if camera_file is None else Path(camera_file)
+    robot_path = None if robot_file is None else Path(robot_file)
+    if path.is_dir():
+        return TumFolderRecording(path, camera_path, robot_path)
+    return BagRecording(path, topics, camera_path, robot_path)

@@ -1,0 +1,173 @@
+"""Recordings in folders of the TUM-mono layout."""
+
+import zipfile
+import zlib
+from contextlib import ExitStack
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.io.camera_models import read_camera_file
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.image_decoding import decode_compressed
+from ceiling_dso_ros.io.photometric import read_photometric
+from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelTicks
+from ceiling_dso_ros.io.robot_file import read_robot_file
+from ceiling_dso_ros.io.stamps import parse_stamp_ns
+from ceiling_dso_ros.io.text_files import read_lines
+
+IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff"}
+
+
+class _Time(NamedTuple):
+    where: str
+    image_id: str
+    stamp_ns: int
+    exposure_ms: Optional[float]
+
+
+class TumFolderRecording(Recording):
+    """A folder with `images/` or `images.zip`, `times.txt`, `camera.txt`, and optional further files.
+
+    Optional are `pcalib.txt` and `vignette.png` (photometric calibration), `encoders.csv` and `robot.yaml`, and
+    `groundtruth.tum`.
+    """
+
+    def __init__(self, path: Path, camera_file: Optional[Path] = None, robot_file: Optional[Path] = None) -> None:
+        """Read everything but the images and the wheels.
+
+        Raises:
+            InputError: a file is missing or cannot be used.
+        """
+        self.path = path
+        self._robot_file = robot_file or self._optional("robot.yaml")
+        self._archive = None if (path / "images").is_dir() else self._optional("images.zip")
+        self._images = _by_id(self._image_names())
+        self._times = _read_times(path / "times.txt")
+        if not any(time.image_id in self._images for time in self._times):
+            raise InputError(f"{path / 'times.txt'}: none of the images listed is in {self._container}")
+        self.calibration = read_camera_file(camera_file or path / "camera.txt")
+        size = (self.calibration.lens.width, self.calibration.lens.height)
+        self.photometric = read_photometric(self._optional("pcalib.txt"), self._optional("vignette.png"), size)
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def images(self) -> Iterator[ListedImage]:
+        """See Recording."""
+        with ExitStack() as stack:
+            archive = None if self._archive is None else stack.enter_context(zipfile.ZipFile(self._archive))
+            for time in self._times:
+                file_name = self._images.get(time.image_id)
+                name = time.where if file_name is None else str(self._container / file_name)
+                decode = partial(self._decode, archive, file_name)
+                yield ListedImage(time.stamp_ns, time.exposure_ms, name, decode)
+
+    @cached_property
+    def wheels(self) -> Optional[WheelTicks]:
+        """See Recording."""
+        path = self._optional("encoders.csv")
+        return None if path is None else _read_encoders(path)
+
+    @cached_property
+    def robot(self) -> Optional[RobotDescription]:
+        """See Recording."""
+        return None if self._robot_file is None else read_robot_file(self._robot_file)
+
+    @property
+    def ground_truth_path(self) -> Optional[Path]:
+        """See Recording."""
+        return self._optional("groundtruth.tum")
+
+    @property
+    def _container(self) -> Path:
+        return self._archive or self.path / "images"
+
+    def _optional(self, name: str) -> Optional[Path]:
+        path = self.path / name
+        return path if path.exists() else None
+
+    def _image_names(self) -> List[str]:
+        """Names of all image files, relative to the container.
+
+        Raises:
+            InputError: there are none.
+        """
+        if self._archive is not None:
+            try:
+                with zipfile.ZipFile(self._archive) as archive:
+                    names = archive.namelist()
+            except (OSError, zipfile.BadZipFile) as error:
+                raise InputError(f"{self._archive}: cannot read the archive: {error}") from error
+        elif self._container.is_dir():
+            names = [path.name for path in self._container.iterdir()]
+        else:
+            raise InputError(
+                f"{self.path}: neither images/ nor images.zip is in it; a recording is a ROS 1 bag or a folder with "
+                "images/, times.txt and camera.txt"
+            )
+        names = [name for name in names if Path(name).suffix.lower() in IMAGE_SUFFIXES]
+        if not names:
+            raise InputError(f"{self._container}: there are no images in it")
+        return names
+
+    def _decode(self, archive: Optional[zipfile.ZipFile], file_name: Optional[str]) -> np.ndarray:
+        if file_name is None:
+            raise FrameError(f"the image is not in {self._container}")
+        try:
+            data = (self._container / file_name).read_bytes() if archive is None else archive.read(file_name)
+        except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise FrameError(f"cannot read the image: {getattr(error, 'strerror', None) or error}") from error
+        return decode_compressed(data)
+
+
+def _by_id(names: List[str]) -> Dict[str, str]:
+    return {_image_id(Path(name).stem): name for name in sorted(names)}
+
+
+def _image_id(text: str) -> str:
+    """Identity of an image: its number, however many zeros it is padded with, or its name."""
+    return str(int(text)) if text.isdecimal() else text
+
+
+def _read_times(path: Path) -> List[_Time]:
+    times = [_parse_time(line, where) for where, line in read_lines(path)]
+    if not times:
+        raise InputError(f"{path}: it lists no images; expected lines of 'id stamp exposure_ms'")
+    return times
+
+
+def _parse_time(line: str, where: str) -> _Time:
+    expected = "expected 'id stamp exposure_ms'"
+    words = line.split()
+    if len(words) not in (2, 3):
+        raise InputError(f"{where}: {len(words)} words; {expected}")
+    try:
+        stamp_ns = parse_stamp_ns(words[1])
+        exposure_ms = float(words[2]) if len(words) == 3 else 0.0
+    except ValueError as error:
+        raise InputError(f"{where}: {error}; {expected}") from error
+    if not np.isfinite(exposure_ms) or exposure_ms < 0:
+        raise InputError(f"{where}: the exposure {words[2]} is impossible; it is in milliseconds, 0 when unknown")
+    return _Time(where, _image_id(words[0]), stamp_ns, exposure_ms or None)
+
+
+def _read_encoders(path: Path) -> WheelTicks:
+    lines = read_lines(path)
+    if lines and lines[0][1].replace(" ", "") == "stamp,left,right":
+        lines = lines[1:]
+    rows: List[Tuple[int, int, int]] = []
+    for where, line in lines:
+        try:
+            stamp, left, right = line.split(",")
+            row = (parse_stamp_ns(stamp.strip()), int(left), int(right))
+        except ValueError:
+            raise InputError(f"{where}: '{line}'; expected 'stamp,left,right', ticks as whole numbers") from None
+        if rows and row[0] <= rows[-1][0]:
+            raise InputError(f"{where}: the stamp is not later than the one before; sort the file")
+        rows.append(row)
+    if not rows:
+        raise InputError(f"{path}: there are no ticks in it; delete the file or write lines of 'stamp,left,right'")
+    return WheelTicks(*np.array(rows, dtype=np.int64).T)
