@@ -30,4 +30,5 @@ def test_format_is_the_inverse_of_parse():
 
 
 def test_seconds_are_the_nearest_float():
-    assert seconds(1_305_031_102_175_303_936) == 1305031102.175303936
+    for text in ("1305031102.175303936", "1700000001.100042017", "0.1", "3.000000001"):
+        assert seconds(parse_stamp_ns(text)) == float(text)

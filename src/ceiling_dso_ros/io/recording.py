@@ -10,7 +10,7 @@ import numpy as np
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
-from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, seconds
+from ceiling_dso_ros.io.stamps import format_stamp, seconds
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class WheelTicks:
     @property
     def stamps_s(self) -> np.ndarray:
         """(N,) float64 seconds, rounded as those of frames are."""
-        return self.stamps_ns / float(NANOSECONDS)
+        return np.array([seconds(stamp_ns) for stamp_ns in self.stamps_ns])
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ def parse_stamp_ns(text: str) -> int:
 
 
 def seconds(stamp_ns: int) -> float:
-    """Nanoseconds as float seconds: the one rounding rule of the package."""
-    return stamp_ns / 1e9
+    """Nanoseconds as the nearest float of seconds: the one rounding rule of the package."""
+    return int(stamp_ns) / NANOSECONDS  # of integers: dividing by 1e9 would round twice
 
 
 def format_stamp(stamp_ns: int) -> str:

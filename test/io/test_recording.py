@@ -1,0 +1,85 @@
+import re
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.io.camera_models import calibration_from_camera_info
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.recording import (
+    Frame,
+    ListedImage,
+    Recording,
+    SkippedFrame,
+    TopicNames,
+    WheelTicks,
+    open_recording,
+)
+
+
+class Listed(Recording):
+    """A recording of images given as (stamp_ns, image or error)."""
+
+    calibration = calibration_from_camera_info(96, 80, "", [], [60, 0, 47.5, 0, 61, 39.5, 0, 0, 1])
+    wheels = robot = ground_truth_path = None
+
+    def __init__(self, *images):
+        self._images = images
+
+    def __len__(self):
+        return len(self._images)
+
+    def images(self):
+        def decode(content):
+            if isinstance(content, FrameError):
+                raise content
+            return content
+
+        for number, (stamp_ns, content) in enumerate(self._images):
+            yield ListedImage(stamp_ns, None, f"image {number}", lambda content=content: decode(content))
+
+
+GOOD = np.zeros((80, 96), np.uint8)
+
+
+def test_bad_frames_are_replaced_and_the_rest_goes_on():
+    recording = Listed(
+        (1_000_000_000, GOOD),
+        (2_000_000_000, FrameError("truncated image")),
+        (None, FrameError("damaged message")),
+        (3_000_000_000, np.zeros((40, 48), np.uint8)),
+        (4_000_000_000, GOOD),
+        (4_000_000_000, GOOD),
+        (3_500_000_000, GOOD),
+        (5_000_000_000, GOOD),
+    )
+    frames = list(recording.frames())
+    assert [frame.stamp_s for frame in frames if isinstance(frame, Frame)] == [1.0, 4.0, 5.0]
+    assert [frame.reason for frame in frames if isinstance(frame, SkippedFrame)] == [
+        "image 1: truncated image; frame skipped",
+        "image 2: damaged message; frame skipped",
+        "image 3: the image is 48x40, but the calibration is for 96x80; frame skipped",
+        "image 5: the stamp 4.000000000 repeats that of the last frame; frame skipped",
+        "image 6: the stamp 3.500000000 lies before that of the last frame; frame skipped",
+    ]
+
+
+def test_a_skipped_frame_does_not_hold_back_those_after_it():
+    recording = Listed((9_000_000_000, FrameError("truncated image")), (2_000_000_000, GOOD))
+    assert isinstance(list(recording.frames())[1], Frame)
+
+
+def test_stamps_of_wheels_are_rounded_as_those_of_frames():
+    stamp_ns = 1_700_000_001_030_042_017
+    (frame,) = Listed((stamp_ns, GOOD)).frames()
+    wheels = WheelTicks(np.array([stamp_ns]), np.array([0]), np.array([0]))
+    assert wheels.stamps_s[0] == frame.stamp_s
+
+
+def test_topics_beside_the_image():
+    assert TopicNames().beside_image("camera_info") == "/camera/up/camera_info"
+    assert TopicNames(image="/cam/image_raw/compressed").beside_image("camera_info") == "/cam/camera_info"
+
+
+def test_a_path_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'none'}: there is no such folder or bag")):
+        open_recording(tmp_path / "none")

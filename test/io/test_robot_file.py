@@ -1,0 +1,63 @@
+import re
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.robot_file import read_robot_file
+
+ROBOT = """
+ticks_per_turn: 4096
+wheel_radius: [0.098, 0.099]
+wheel_base: 0.485
+"""
+MOUNT = """
+T_base_camera:
+  xyz: [0.18, 0.04, 0.62]
+  quat_xyzw: [0, 0, 1, 1]
+"""
+
+
+def read(tmp_path, text, **arguments):
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    return read_robot_file(path, **arguments)
+
+
+def test_all_values(tmp_path):
+    robot = read(tmp_path, ROBOT + MOUNT)
+    assert (robot.ticks_per_turn, robot.wheel_radius_m, robot.wheel_base_m) == (4096, (0.098, 0.099), 0.485)
+    expected = [[0, -1, 0, 0.18], [1, 0, 0, 0.04], [0, 0, 1, 0.62], [0, 0, 0, 1]]
+    np.testing.assert_allclose(robot.T_base_camera, expected, atol=1e-15)
+
+
+def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
+    other = np.diag([1.0, -1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(read(tmp_path, ROBOT, T_base_camera=other).T_base_camera, other)
+    assert read(tmp_path, ROBOT + MOUNT, T_base_camera=other).T_base_camera[0, 3] == 0.18
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("a: [1", "is not yaml: while parsing a flow sequence"),
+        ("just text", "expected the keys ticks_per_turn, wheel_radius, wheel_base, T_base_camera"),
+        (ROBOT.replace("4096", "no"), "ticks_per_turn must be a positive number, not False"),
+        (ROBOT.replace("4096", "many"), "ticks_per_turn must be a positive number, not many"),
+        (ROBOT.replace("[0.098, 0.099]", "0.098"), "wheel_radius must be 2 positive numbers, not 0.098"),
+        (ROBOT.replace("wheel_base", "base"), "wheel_base must be a positive number, not None"),
+        (ROBOT.replace("0.485", "-0.485"), "wheel_base must be a positive number, not -0.485"),
+        (ROBOT.replace("0.485", ".nan"), "wheel_base must be a positive number, not nan"),
+        (ROBOT, "T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers)"),
+        (ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[0, 0, 0, 0]"), "T_base_camera must have xyz (3 numbers, metres)"),
+    ],
+)
+def test_wrong_files_are_explained(tmp_path, text, complaint):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'robot.yaml'}: {complaint}")) as caught:
+        read(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'robot.yaml'}: cannot read the file: No such file")):
+        read_robot_file(tmp_path / "robot.yaml")
