@@ -1,0 +1,267 @@
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.io.bag_writer import BagWriter
+from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.recording import Frame, SkippedFrame, TopicNames, open_recording
+from ceiling_dso_ros.io.ros_messages import TYPES, header, message
+
+START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
+WIDTH, HEIGHT = 96, 80
+K = np.array([[60.0, 0, 47.5], [0, 61.0, 39.5], [0, 0, 1]])
+IMAGE, INFO, EXPOSURE = "/camera/up/image_raw", "/camera/up/camera_info", "/camera/up/exposure"
+ROBOT = "ticks_per_turn: 1000\nwheel_radius: [0.098, 0.099]\nwheel_base: 0.485\n"
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "tour.bag"
+
+
+def stamp_ns(index):
+    return START_NS + index * PERIOD_NS
+
+
+def picture(index=0, dtype=np.uint8):
+    x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    grey = (2 + np.sin((x + 3 * index) / 5) + np.cos(y / 7)) / 4
+    return (grey * np.iinfo(dtype).max).astype(dtype)
+
+
+def write_images(bag, indices=range(4), topic=IMAGE):
+    for index in indices:
+        bag.image(topic, stamp_ns(index), "optical", picture(index))
+
+
+def write_info(bag, topic=INFO, **changes):
+    bag.camera_info(topic, START_NS, "optical", **{"size": (WIDTH, HEIGHT), "K": K, **changes})
+
+
+def write_damaged(bag, topic, type_name, data=b"\x01\x02\x03"):
+    """A message of a topic that has none yet, or has been written to before, that cannot be deserialised."""
+    connection = bag._connections.get(topic) or bag._writer.add_connection(topic, type_name, typestore=TYPES)
+    bag._connections[topic] = connection
+    bag._writer.write(connection, stamp_ns(9), data)
+
+
+def test_images_stamps_and_exposures(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        for index in (0, 2, 3):
+            bag.exposure(EXPOSURE, stamp_ns(index), "optical", 5 + index if index < 3 else 0.0)
+        write_images(bag)
+    recording = open_recording(path)
+    frames = list(recording.frames())
+
+    assert (recording.name, len(recording)) == ("tour", 4)
+    assert recording.calibration.camera.parameters.tolist() == [60.0, 61.0, 47.5, 39.5]
+    assert recording.wheels is recording.robot is recording.ground_truth_path is None
+    assert [frame.stamp_s for frame in frames] == [stamp_ns(index) / 10**9 for index in range(4)]
+    assert [frame.exposure_ms for frame in frames] == [5.0, None, 7.0, None]
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.image, picture(index))
+
+
+def test_exposures_may_come_after_their_images(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        bag.exposure(EXPOSURE, stamp_ns(1), "optical", 3.0)
+    assert [frame.exposure_ms for frame in open_recording(path).frames()] == [None, 3.0, None, None]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "image"),
+    [
+        ("mono8", picture()),
+        ("8UC1", picture()),
+        ("bgr8", np.dstack([picture()] * 3)),
+        ("rgb8", np.dstack([picture()] * 3)),
+        ("mono16", picture(dtype=np.uint16)),
+        ("16UC1", picture(dtype=np.uint16)),
+    ],
+)
+def test_every_encoding(path, encoding, image):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        bag.image(IMAGE, START_NS, "optical", image, encoding)
+    (frame,) = open_recording(path).frames()
+    np.testing.assert_array_equal(frame.image, image if image.ndim == 2 else image[:, :, 0])
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpeg"])
+@pytest.mark.parametrize("asked_for", [IMAGE, IMAGE + "/compressed"])
+def test_compressed_images(path, suffix, asked_for):
+    data = cv2.imencode("." + suffix, picture())[1].tobytes()
+    with BagWriter(path) as bag:
+        write_info(bag)
+        bag.compressed_image(IMAGE + "/compressed", START_NS, "optical", data, suffix)
+    (frame,) = open_recording(path, TopicNames(image=asked_for)).frames()
+    np.testing.assert_array_equal(frame.image, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE))
+
+
+def test_other_topics(path):
+    with BagWriter(path) as bag:
+        write_info(bag, "/cam/camera_info")
+        write_info(bag, "/calibration", K=2 * K - np.diag([0, 0, 1]), size=(2 * WIDTH, 2 * HEIGHT))
+        write_images(bag, topic="/cam/image")
+    assert open_recording(path, TopicNames(image="/cam/image")).calibration.lens.fx == 60
+    topics = TopicNames(image="/cam/image", camera_info="/calibration")
+    assert open_recording(path, topics).calibration.lens.fx == 120
+
+
+def test_bad_frames_are_skipped_and_named(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag, [0, 1, 1, 0])
+        bag.image(IMAGE, stamp_ns(2), "optical", picture()[:40])
+        truncated = message(
+            "sensor_msgs/Image",
+            **{"header": header(stamp_ns(3), "optical"), "height": HEIGHT, "width": WIDTH, "encoding": "mono8"},
+            **{"is_bigendian": 0, "step": WIDTH, "data": np.zeros(100, np.uint8)},
+        )
+        bag.write(IMAGE, stamp_ns(3), truncated)
+        bag.image(IMAGE, stamp_ns(4), "optical", picture(), "bayer_rggb8")
+        write_damaged(bag, IMAGE, "sensor_msgs/msg/Image")
+        write_images(bag, [10])
+    recording = open_recording(path)
+    frames = list(recording.frames())
+
+    assert len(recording) == len(frames) == 9
+    assert [i for i, frame in enumerate(frames) if isinstance(frame, Frame)] == [0, 2, 8]
+    reasons = [frame.reason for frame in frames if isinstance(frame, SkippedFrame)]
+    where = f"{path}, {IMAGE}, message"
+    assert reasons[0].startswith(f"{where} 2: the stamp 1700000001.030042017 repeats that of the last frame")
+    assert reasons[1].startswith(f"{where} 4: the stamp")
+    assert reasons[2:] == [
+        f"{where} 5: the image is 96x40, but the calibration is for 96x80; frame skipped",
+        f"{where} 6: truncated image: 100 bytes instead of 7680; frame skipped",
+        f"{where} 7: image encoding 'bayer_rggb8' is not one of mono8, 8UC1, mono16, 16UC1, bgr8, rgb8, bgra8, rgba8; "
+        "frame skipped",
+        f"{where} 8: damaged message of 3 bytes; frame skipped",
+    ]
+
+
+def test_a_topic_that_is_not_there_lists_those_that_are(path):
+    with BagWriter(path) as bag:
+        write_images(bag, topic="/front/image_raw")
+        bag.compressed_image("/rear/image/compressed", START_NS, "optical", b"", "jpeg")
+        bag.ticks("/wheel/left/ticks", START_NS, 1)
+    expected = f"{path}: topic {IMAGE} is not in the bag; its image topics are /front/image_raw, /rear/image/compressed"
+    with pytest.raises(InputError, match=re.escape(expected)):
+        open_recording(path)
+    expected = f"{path}: topic /wheel/left/ticks holds std_msgs/msg/Int32, no images; its image topics are /front"
+    with pytest.raises(InputError, match=re.escape(expected)):
+        open_recording(path, TopicNames(image="/wheel/left/ticks"))
+
+
+@pytest.mark.parametrize("with_ticks", [False, True])
+def test_a_bag_without_images(path, with_ticks):
+    with BagWriter(path) as bag:
+        if with_ticks:
+            bag.ticks("/wheel/left/ticks", START_NS, 1)
+    with pytest.raises(InputError, match=re.escape(f"{path}: topic {IMAGE} is not in the bag; it has no images")):
+        open_recording(path)
+
+
+def test_a_bag_without_camera_info(path, tmp_path):
+    with BagWriter(path) as bag:
+        write_images(bag)
+        write_info(bag, "/front/camera_info")
+    expected = (
+        f"{path}: no camera_info on {INFO} (in the bag: /front/camera_info); "
+        "name its topic or give a camera.txt with the calibration"
+    )
+    with pytest.raises(InputError, match=re.escape(expected)):
+        open_recording(path)
+
+    (tmp_path / "camera.txt").write_text("Pinhole 70 71 47.5 39.5 0\n96 80\nnone\n96 80\n")
+    recording = open_recording(path, camera_file=tmp_path / "camera.txt")
+    assert recording.calibration.camera.fx == 70
+    assert len(list(recording.frames())) == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"K": np.full((3, 3), np.nan)}, "a number of the camera is not finite; is the camera calibrated?"),
+        ({"K": np.zeros((3, 3))}, "the focal lengths fx=0 fy=0 must be positive; is the camera calibrated?"),
+        ({"distortion": [0.1] * 3}, "3 coefficients in D instead of 4 or 5 for plumb_bob"),
+    ],
+)
+def test_a_camera_info_of_no_camera(path, changes, complaint):
+    with BagWriter(path) as bag:
+        write_images(bag)
+        write_info(bag, **changes)
+    with pytest.raises(InputError, match=re.escape(f"{path}, {INFO}: {complaint}")):
+        open_recording(path)
+
+
+def test_a_damaged_camera_info(path):
+    with BagWriter(path) as bag:
+        write_images(bag)
+        write_damaged(bag, INFO, "sensor_msgs/msg/CameraInfo")
+    with pytest.raises(InputError, match=re.escape(f"{path}, {INFO}: damaged message of 3 bytes")):
+        open_recording(path)
+
+
+def test_a_topic_of_another_type(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        bag.ticks(EXPOSURE, START_NS, 5)
+    expected = f"{path}: topic {EXPOSURE} holds std_msgs/msg/Int32 instead of ceiling_dso_ros/msg/Exposure"
+    with pytest.raises(InputError, match=re.escape(expected)):
+        list(open_recording(path).frames())
+
+
+def test_ticks(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        for index, (left, right) in enumerate([(1, -5), (4, -6), (9, -7)]):
+            bag.ticks("/wheel/left/ticks", stamp_ns(index), left)
+            bag.ticks("/wheel/right/ticks", stamp_ns(index), right)
+    wheels = open_recording(path).wheels
+    assert wheels.stamps_ns.tolist() == [stamp_ns(index) for index in range(3)]
+    assert (wheels.left.tolist(), wheels.right.tolist()) == ([1, 4, 9], [-5, -6, -7])
+
+
+def test_angles_of_joint_states(path, tmp_path):
+    (tmp_path / "robot.yaml").write_text(ROBOT + "T_base_camera: {xyz: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}\n")
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        for index in range(3):
+            angles = [0.0, index * np.pi, -index * np.pi / 2]
+            bag.joint_state("/joint_states", stamp_ns(index), ["caster", "wheel_right", "wheel_left"], angles)
+    wheels = open_recording(path, robot_file=tmp_path / "robot.yaml").wheels
+    assert wheels.stamps_ns.tolist() == [stamp_ns(index) for index in range(3)]
+    assert (wheels.left.tolist(), wheels.right.tolist()) == ([0, -250, -500], [0, 500, 1000])
+    assert open_recording(path).wheels is None, "without the ticks of a turn angles are no ticks"
+
+
+def test_the_mount_comes_from_tf_static_through_chains(path, tmp_path):
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    up, quarter_turn = np.eye(4), np.eye(4)
+    up[2, 3] = 0.6
+    quarter_turn[:2, :2] = [[0, -1], [1, 0]]
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        bag.tf_static(START_NS, [("mast", "optical", quarter_turn)])
+        bag.tf_static(START_NS, [("base_link", "mast", up)])
+    robot = open_recording(path, robot_file=tmp_path / "robot.yaml").robot
+    np.testing.assert_allclose(robot.T_base_camera, up @ quarter_turn, atol=1e-15)
+
+
+def test_a_mount_that_nobody_knows(path, tmp_path):
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'robot.yaml'}: T_base_camera must have xyz")):
+        _ = open_recording(path, robot_file=tmp_path / "robot.yaml").robot
