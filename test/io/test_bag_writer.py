@@ -1,5 +1,6 @@
-import errno
 import re
+import resource
+import signal
 
 import numpy as np
 import pytest
@@ -113,6 +114,21 @@ def test_an_interrupted_bag_is_readable(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.bag"]
 
 
+def test_an_interrupt_amid_a_message_leaves_a_readable_bag(tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "a.bag") as bag:
+        write_chunk = bag._writer.write_chunk
+
+        def interrupted(chunk):
+            signal.raise_signal(signal.SIGINT)
+            write_chunk(chunk)
+
+        monkeypatch.setattr(bag._writer, "write_chunk", interrupted)
+        for i in range(5):
+            bag.image("/image", STAMP_NS + i, "camera", np.zeros((1000, 1000), np.uint8))
+    with Reader(tmp_path / "a.bag") as reader:
+        assert 0 < len([TYPES.deserialize_ros1(data, c.msgtype) for c, _, data in reader.messages()]) < 5
+
+
 def test_an_older_bag_is_replaced(tmp_path):
     for value in (1, 2):
         with BagWriter(tmp_path / "a.bag") as bag:
@@ -126,24 +142,27 @@ def test_a_folder_that_is_not_there(tmp_path):
         BagWriter(path)
 
 
-def test_a_full_disk(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
+@pytest.fixture
+def two_megabytes():
+    """No file may grow beyond that, as if the disk were full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_full_disk_while_writing_or_closing(tmp_path, two_megabytes, count):
     path = tmp_path / "a.bag"
-    expected = re.escape(f"{path}: cannot write the bag, it was removed: No space left on device")
+    expected = re.escape(f"{path}: cannot write the bag, it was removed: File too large")
     with pytest.raises(OutputError, match=expected), BagWriter(path) as bag:
-        monkeypatch.setattr(bag._writer, "write_chunk", full)
-        for i in range(3):
-            bag.image("/image", STAMP_NS + i, "camera", np.zeros((1000, 1000), np.uint8))
+        for i in range(count):
+            bag.image("/image", STAMP_NS + i, "camera", np.zeros((1000, 2100), np.uint8))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_while_closing(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with pytest.raises(OutputError, match="No space left on device"), BagWriter(tmp_path / "a.bag") as bag:
+def test_a_failure_to_write_another_file_leaves_a_readable_bag(tmp_path):
+    with pytest.raises(OutputError), BagWriter(tmp_path / "a.bag") as bag:
         bag.ticks("/ticks", STAMP_NS, 1)
-        monkeypatch.setattr(bag._writer, "write_chunk", full)
-    assert list(tmp_path.iterdir()) == []
+        raise OutputError("b.tum: cannot write the trajectory")
+    assert read_all(tmp_path / "a.bag")["/ticks"][2].data == 1

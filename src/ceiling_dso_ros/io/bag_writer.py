@@ -1,5 +1,6 @@
 """Writes ROS 1 bags message by message, as `rosbag record` would."""
 
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Dict, Iterable, Optional, Sequence, Tuple, Type, Union
@@ -9,6 +10,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer
 
 from ceiling_dso_ros.io.errors import OutputError
+from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.ros_messages import (
     TYPES,
     RosMessage,
@@ -54,11 +56,12 @@ class BagWriter:
     def __exit__(
         self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
     ) -> None:
-        if isinstance(error, OutputError):  # already abandoned
+        if self._writer.bio.closed:  # abandoned
             return
         try:
-            self._writer.close()
-            self._active.replace(self.path)
+            with deferred_interrupt():
+                self._writer.close()
+                self._active.replace(self.path)
         except OSError as failure:
             self._abandon(failure)
 
@@ -72,7 +75,9 @@ class BagWriter:
                 )
                 self._connections[topic] = connection
             self._counts[topic] = self._counts.get(topic, 0) + 1
-            self._writer.write(connection, stamp_ns, TYPES.serialize_ros1(content, content.__msgtype__))
+            data = TYPES.serialize_ros1(content, content.__msgtype__)
+            with deferred_interrupt():
+                self._writer.write(connection, stamp_ns, data)
         except OSError as error:
             self._abandon(error)
 
@@ -267,7 +272,7 @@ class BagWriter:
 
     def _abandon(self, error: OSError) -> None:
         """Remove what was written: without its index it is of no use."""
-        if self._writer.bio is not None:
+        with suppress(OSError):  # what is still in the buffer finds no room either
             self._writer.bio.close()
         self._active.unlink(missing_ok=True)
         raise OutputError(f"{self.path}: cannot write the bag, it was removed: {error.strerror}") from error

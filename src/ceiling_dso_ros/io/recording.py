@@ -134,8 +134,8 @@ class Recording(ABC):
 
     @property
     def name(self) -> str:
-        """Name of the folder or of the bag, without its ending."""
-        return self.path.resolve().stem
+        """Name of the folder, or of the bag without its ending."""
+        return self.path.resolve().name if self.path.is_dir() else self.path.stem
 
     @abstractmethod
     def __len__(self) -> int:

@@ -27,7 +27,7 @@ class Undistorter:
     def __init__(self, calibration: CameraCalibration) -> None:
         self._maps: Optional[Tuple[np.ndarray, np.ndarray]] = None
         if not calibration.keeps_images:
-            self._maps = cv2.convertMaps(*undistortion_maps(calibration), cv2.CV_16SC2)
+            self._maps = undistortion_maps(calibration)
 
     def undistort(self, image: np.ndarray) -> np.ndarray:
         """Undistort a raw image (H, W) float32 or uint8 to (height, width) float32 of the output camera.
