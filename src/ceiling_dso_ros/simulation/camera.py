@@ -1,0 +1,167 @@
+"""The camera: a D455's infrared imager (global shutter, rectified), from radiance to grey levels."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.config import require
+from ceiling_dso_ros.io.lens_models import LensCamera
+from ceiling_dso_ros.io.photometric import GREY_LEVELS, PhotometricCalibration
+from ceiling_dso_ros.simulation.events import Event, light_level
+
+NATIVE_WIDTH, NATIVE_FOCAL_PX = 848, 425.3
+CENTER_OFFSET_PX = (2.4, -1.3)  # principal point from the middle of the native image
+REFERENCE_EXPOSURE_MS = 5.6  # the exposure at which radiance 1 saturates
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """All that is known of a camera.
+
+    Attributes:
+        width, height: pixels, multiples of 4.
+        fps: frames per second.
+        read_noise: standard deviation of the noise in the dark, grey levels.
+        shot_noise: that of the light itself at full scale, grey levels; it grows with the root of the light.
+        exposure_drift: standard deviation of the logarithm of the exposure time, which drifts over seconds.
+        response_gamma: the grey level is the light to the power of 1 / gamma.
+        vignette: share of the light that is lost in the corners.
+        distortion: k1 k2 p1 p2 of a radial-tangential lens; empty when rectified.
+    """
+
+    width: int = 848
+    height: int = 480
+    fps: float = 30.0
+    read_noise: float = 0.7
+    shot_noise: float = 1.8
+    exposure_drift: float = 0.08
+    response_gamma: float = 1.0
+    vignette: float = 0.0
+    distortion: Tuple[float, ...] = ()
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        size = f"size {self.width}x{self.height}"
+        require(self.width % 4 == 0 and self.height % 4 == 0, f"{size}: width and height must be multiples of 4")
+        require(64 <= self.width <= 1920 and 64 <= self.height <= 1440, f"{size}: 64x64 to 1920x1440")
+        require(1.0 <= self.fps <= 120.0, f"fps {self.fps:g}: 1 to 120")
+        require(0.0 <= self.read_noise <= 20.0, f"read noise {self.read_noise:g}: 0 to 20 grey levels")
+        require(0.0 <= self.shot_noise <= 20.0, f"shot noise {self.shot_noise:g}: 0 to 20 grey levels")
+        require(0.0 <= self.exposure_drift <= 0.5, f"exposure drift {self.exposure_drift:g}: 0 to 0.5")
+        require(0.5 <= self.response_gamma <= 3.0, f"response gamma {self.response_gamma:g}: 0.5 to 3")
+        require(0.0 <= self.vignette <= 0.8, f"vignette {self.vignette:g}: 0 to 0.8")
+        require(len(self.distortion) in (0, 4), "distortion: give k1 k2 p1 p2 or nothing")
+        require(all(abs(k) <= 0.5 for k in self.distortion), f"distortion {self.distortion}: each -0.5 to 0.5")
+
+    @cached_property
+    def lens(self) -> LensCamera:
+        """The raw camera."""
+        scale = self.width / NATIVE_WIDTH
+        cx, cy = ((side - 1) / 2 + scale * offset for side, offset in zip((self.width, self.height), CENTER_OFFSET_PX))
+        model = "RadTan" if self.distortion else "Pinhole"
+        focal = NATIVE_FOCAL_PX * scale
+        return LensCamera(model, focal, focal, cx, cy, self.distortion, self.width, self.height)
+
+    @cached_property
+    def pinhole(self) -> PinholeCamera:
+        """The camera that is rendered: the lens's own where it is rectified, else one that sees all the lens sees."""
+        lens = self.lens
+        if not self.distortion:
+            return PinholeCamera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height)
+        reach = np.abs(self._rays).max(axis=(0, 1)) * lens.fx + 4
+        cx, cy = np.ceil(reach)
+        return PinholeCamera(lens.fx, lens.fy, cx, cy, int(2 * cx + 1), int(2 * cy + 1))
+
+    @property
+    def photometric(self) -> PhotometricCalibration:
+        """Inverse response and vignette."""
+        inverse = 255.0 * (np.arange(GREY_LEVELS) / 255.0) ** self.response_gamma
+        return PhotometricCalibration(inverse, self._vignette if self.vignette > 0 else None)
+
+    def distort(self, radiance: np.ndarray) -> np.ndarray:
+        """The picture of `pinhole` as the lens shows it."""
+        if not self.distortion:
+            return radiance
+        columns, rows = self._map
+        return cv2.remap(radiance, columns, rows, cv2.INTER_CUBIC)
+
+    def noise_sigma(self, level: np.ndarray) -> np.ndarray:
+        """Standard deviation of the noise at a linear grey level 0..255, of the same shape."""
+        return np.sqrt(self.read_noise**2 + self.shot_noise**2 / 255.0 * level)
+
+    def develop(self, radiance: np.ndarray, gain: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Turn light into grey levels: vignette, noise, saturation, response, rounding.
+
+        Args:
+            radiance: (height, width) float32 where 1 saturates at the reference exposure.
+            gain: factor on the light, a number or (width,).
+            rng: for the noise.
+
+        Returns:
+            (height, width) uint8.
+        """
+        level = radiance * np.asarray(255.0 * gain, dtype=np.float32)
+        if self.vignette > 0:
+            level *= self._vignette
+        if self.read_noise > 0 or self.shot_noise > 0:
+            level += rng.standard_normal(level.shape, dtype=np.float32) * self.noise_sigma(level).astype(np.float32)
+        np.clip(level, 0.0, 255.0, out=level)
+        if self.response_gamma != 1.0:
+            level = 255.0 * (level / 255.0) ** np.float32(1.0 / self.response_gamma)
+        return np.rint(level).astype(np.uint8)
+
+    @cached_property
+    def _vignette(self) -> np.ndarray:
+        x, y = np.arange(self.width) - (self.width - 1) / 2, np.arange(self.height) - (self.height - 1) / 2
+        radius2 = (x[None, :] ** 2 + y[:, None] ** 2) / (x[0] ** 2 + y[0] ** 2)
+        return (1.0 - self.vignette * radius2).astype(np.float32)
+
+    @cached_property
+    def _rays(self) -> np.ndarray:
+        """Ideal coordinates (x, y) of each pixel of the lens, (height, width, 2)."""
+        pixels = np.stack(np.meshgrid(np.arange(self.width), np.arange(self.height)), axis=-1).astype(np.float64)
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+        rays = cv2.undistortPointsIter(
+            pixels.reshape(-1, 1, 2), self.lens.matrix, np.array(self.distortion), None, None, criteria
+        )
+        return rays.reshape(self.height, self.width, 2)
+
+    @cached_property
+    def _map(self) -> Tuple[np.ndarray, np.ndarray]:
+        camera = self.pinhole
+        columns, rows = np.moveaxis(self._rays, -1, 0)
+        return (camera.fx * columns + camera.cx).astype(np.float32), (camera.fy * rows + camera.cy).astype(np.float32)
+
+
+EXPOSURE_LIMITS_MS = (0.3, 14.0)
+EXPOSURE_LAG_S = 0.8
+DRIFT_PERIODS_S = (6.0, 11.0, 19.0, 37.0)
+CONTROL_STEP_S = 0.02
+
+
+class ExposureControl:
+    """The camera's automatic exposure: it follows the light with a lag, and drifts a little all the time."""
+
+    def __init__(
+        self, model: CameraModel, events: Sequence[Event], duration_s: float, rng: np.random.Generator
+    ) -> None:
+        self._time_s = np.arange(0.0, duration_s + 1.0, CONTROL_STEP_S)
+        wanted = -np.log(light_level(events, self._time_s))
+        share = CONTROL_STEP_S / EXPOSURE_LAG_S
+        followed = np.empty_like(wanted)
+        state = wanted[0]
+        for i, target in enumerate(wanted):
+            state += share * (target - state)
+            followed[i] = state
+        phases = rng.uniform(0.0, 2 * np.pi, len(DRIFT_PERIODS_S))
+        waves = np.sin(2 * np.pi * self._time_s[:, None] / DRIFT_PERIODS_S + phases)
+        drift = model.exposure_drift * np.sqrt(2.0 / len(DRIFT_PERIODS_S)) * waves.sum(axis=1)
+        self._exposure_ms = np.clip(REFERENCE_EXPOSURE_MS * np.exp(followed + drift), *EXPOSURE_LIMITS_MS)
+
+    def exposure_ms(self, time_s: float) -> float:
+        """Exposure time of an image whose exposure's middle is at time_s."""
+        return float(np.interp(time_s, self._time_s, self._exposure_ms))

@@ -1,0 +1,10 @@
+"""The ceilings that can be simulated, by name."""
+
+from typing import Callable, Dict
+
+import numpy as np
+
+from ceiling_dso_ros.simulation.ceilings.factory import factory
+from ceiling_dso_ros.simulation.scene import Hall
+
+CEILINGS: Dict[str, Callable[[np.random.Generator], Hall]] = {"factory": factory}

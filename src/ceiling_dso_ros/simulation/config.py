@@ -1,0 +1,59 @@
+"""Everything that can be chosen about a simulated recording."""
+
+from dataclasses import dataclass, field
+from typing import Tuple
+
+from ceiling_dso_ros.dso.config import ConfigError, require
+from ceiling_dso_ros.simulation.camera import CameraModel
+from ceiling_dso_ros.simulation.ceilings import CEILINGS
+from ceiling_dso_ros.simulation.robot import Vibration, WheelErrors
+from ceiling_dso_ros.simulation.sequences import SEQUENCES
+
+__all__ = ["ConfigError", "SimulationConfig"]
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """What is simulated.
+
+    Attributes:
+        sequence: a name of SEQUENCES.
+        ceiling: a name of CEILINGS.
+        seed: of everything that is drawn at random.
+        duration_s: length; further laps are driven until then, or the sequence is cut. 0 for one lap.
+        camera: of all images.
+        wheels: how they differ from the nominal ones.
+        vibration: of the base.
+        events: texts as `events.parse_events` takes them.
+        time_offset_s: how much later than the truth the stamps of the images are.
+        stereo: a second upward camera, 95 mm to the right.
+        forward: a camera that looks ahead.
+        imu: an inertial unit.
+    """
+
+    sequence: str = "loops"
+    ceiling: str = "factory"
+    seed: int = 0
+    duration_s: float = 0.0
+    camera: CameraModel = field(default_factory=CameraModel)
+    wheels: WheelErrors = field(default_factory=WheelErrors)
+    vibration: Vibration = field(default_factory=Vibration)
+    events: Tuple[str, ...] = ()
+    time_offset_s: float = 0.0
+    stereo: bool = False
+    forward: bool = False
+    imu: bool = False
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(self.sequence in SEQUENCES, f"sequence '{self.sequence}': one of {', '.join(SEQUENCES)}")
+        require(self.ceiling in CEILINGS, f"ceiling '{self.ceiling}': one of {', '.join(CEILINGS)}")
+        require(0 <= self.seed < 2**32, f"seed {self.seed}: 0 to {2**32 - 1}")
+        require(0.0 <= self.duration_s <= 7200.0, f"duration {self.duration_s:g} s: up to 7200 s, 0 for one lap")
+        require(abs(self.time_offset_s) <= 0.2, f"time offset {self.time_offset_s:g} s: -0.2 to 0.2")
+        for name, limit in (("radius", 0.2), ("ratio", 0.2), ("wheel_base", 0.2), ("travel_noise_m", 0.05)):
+            value = getattr(self.wheels, name)
+            require(abs(value) <= limit, f"wheels.{name} {value:g}: -{limit:g} to {limit:g}")
+        require(self.wheels.travel_noise_m >= 0.0, "wheels.travel_noise_m: must not be negative")
+        require(0.0 <= self.wheels.tick_noise <= 100.0, f"wheels.tick_noise {self.wheels.tick_noise:g}: 0 to 100 ticks")
+        self.camera.check()

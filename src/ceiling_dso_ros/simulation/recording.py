@@ -1,0 +1,75 @@
+"""A simulated drive as a recording, so that whatever plays recordings plays it without a bag."""
+
+from pathlib import Path
+from typing import Iterator, Optional
+
+import numpy as np
+
+from ceiling_dso_ros.io.camera_models import CameraCalibration
+from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelTicks
+from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.io.trajectory import Trajectory
+from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.simulation import Simulation, stamp_ns
+
+
+class SimulatedRecording(Recording):
+    """Images are rendered when they are asked for; nothing is written.
+
+    Attributes:
+        simulation: what is recorded.
+    """
+
+    def __init__(self, config: SimulationConfig = SimulationConfig()) -> None:
+        """Plan the drive.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            EventError: an event is none.
+        """
+        self.simulation = Simulation(config)
+        self.path = Path(f"simulated_{config.sequence}_{config.ceiling}_{config.seed}")
+        camera = config.camera
+        self.calibration = CameraCalibration(camera.lens, camera.pinhole)
+        self.photometric = camera.photometric
+
+    def __len__(self) -> int:
+        return len(self.simulation.frame_times_s)
+
+    def images(self) -> Iterator[ListedImage]:
+        """See Recording."""
+        for frame in self.simulation.frames():
+            yield ListedImage(
+                frame.stamp_ns, frame.exposure_ms, f"image at {frame.time_s:.3f} s", lambda f=frame: f.image
+            )
+
+    @property
+    def wheels(self) -> WheelTicks:
+        """See Recording; the counters wrap around."""
+        encoders = self.simulation.encoders
+        stamps_ns = np.array([stamp_ns(time_s) for time_s in encoders.time_s], dtype=np.int64)
+        return WheelTicks(stamps_ns, encoders.counters[:, 0], encoders.counters[:, 1])
+
+    @property
+    def robot(self) -> RobotDescription:
+        """See Recording: the nominal dimensions."""
+        return self.simulation.nominal
+
+    @property
+    def ground_truth_path(self) -> Optional[Path]:
+        """See Recording: none, the truth is in `camera_truth` and `base_truth`."""
+        return None
+
+    @property
+    def camera_truth(self) -> Trajectory:
+        """True poses of the upward camera's optical frame at the stamps of all images."""
+        times = self.simulation.frame_times_s
+        stamps = [seconds(self.simulation.image_stamp_ns(time_s)) for time_s in times]
+        return Trajectory.from_matrices(stamps, self.simulation.robot.T_world_camera(times))
+
+    @property
+    def base_truth(self) -> Trajectory:
+        """True poses of base_link at the stamps of all wheel readings."""
+        times = self.simulation.encoders.time_s
+        stamps = [seconds(stamp_ns(time_s)) for time_s in times]
+        return Trajectory.from_matrices(stamps, self.simulation.robot.T_world_base(times))

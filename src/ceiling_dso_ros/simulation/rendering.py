@@ -1,0 +1,72 @@
+"""Pictures of a scene: exposed over time and over the area of each pixel, and the depth that belongs to them."""
+
+import cv2
+import numpy as np
+
+from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.simulation.render_kernels import expose, rasterise, visible_polygons
+from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Scene
+
+# A frame is the mean of 16 sharp pictures: x and y within the pixel and time within the exposure, each column taking
+# every 16th once, the columns uncorrelated, mean zero (an orthogonal Latin hypercube). So edges are smooth and moving
+# ones are blurred.
+_HALF = [
+    (1, 5, 3), (3, 13, -7), (5, -1, 11), (7, -9, -15), (9, 15, 5), (11, 7, -1), (13, -11, 13), (15, -3, -9),
+]  # fmt: skip
+SAMPLES = np.array(_HALF + [(-x, -y, -t) for x, y, t in _HALF]) / 32.0
+LENS_BLUR_PX = 0.45
+MOTION_M = 0.1  # how far the camera may move within one exposure
+
+
+class Renderer:
+    """Renders one scene for one camera; may be used from several threads at once.
+
+    Args:
+        scene: what there is to see.
+        camera: intrinsics without distortion.
+    """
+
+    def __init__(self, scene: Scene, camera: PinholeCamera) -> None:
+        self.scene = scene
+        self.camera = camera
+
+    def expose(self, T_world_camera: np.ndarray) -> np.ndarray:
+        """Radiance that the camera gathers.
+
+        Args:
+            T_world_camera: (16, 4, 4) poses at the times SAMPLES[:, 2], in exposures from its middle.
+
+        Returns:
+            (height, width) float32 where 1 saturates the sensor at the reference exposure.
+        """
+        shape = (self.camera.height, self.camera.width)
+        intrinsics = np.tile(self.camera.parameters, (len(SAMPLES), 1))
+        intrinsics[:, 2:] -= SAMPLES[:, :2]
+        radiance = np.empty(shape, dtype=np.float32)
+        expose(
+            self.scene,
+            self._visible(T_world_camera[0]),
+            np.ascontiguousarray(T_world_camera[:, :3, :3]),
+            np.ascontiguousarray(T_world_camera[:, :3, 3]),
+            intrinsics,
+            np.empty(shape, dtype=np.float32),
+            np.empty((len(SAMPLES), *shape), dtype=np.int32),
+            radiance,
+        )
+        return cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX) / np.float32(TEXEL_LEVELS)
+
+    def inverse_depth(self, T_world_camera: np.ndarray) -> np.ndarray:
+        """1/z at every pixel centre, (height, width) float32 in 1/m along the optical axis, of a pose (4, 4)."""
+        shape = (self.camera.height, self.camera.width)
+        inverse_depth = np.empty(shape, dtype=np.float32)
+        R, C = np.ascontiguousarray(T_world_camera[:3, :3]), np.ascontiguousarray(T_world_camera[:3, 3])
+        surface = np.empty(shape, dtype=np.int32)
+        rasterise(
+            self.scene.mesh, self._visible(T_world_camera), R, C, tuple(self.camera.parameters), inverse_depth, surface
+        )
+        return inverse_depth
+
+    def _visible(self, T_world_camera: np.ndarray) -> np.ndarray:
+        camera = self.camera
+        R, C = np.ascontiguousarray(T_world_camera[:3, :3]), np.ascontiguousarray(T_world_camera[:3, 3])
+        return visible_polygons(self.scene.mesh, R, C, tuple(camera.parameters), camera.width, camera.height, MOTION_M)

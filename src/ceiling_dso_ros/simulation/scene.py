@@ -1,0 +1,159 @@
+"""From the description of a hall to the arrays that are rendered: geometry, and textures with the light painted in.
+
+A robot on a floor sees every part of a ceiling from the same height, so one texel size per surface, half of what a pixel
+covers there, and one low-pass filter suit all frames: the same point has the same grey in all of them.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, List, NamedTuple, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from ceiling_dso_ros.simulation.geometry import Sheet, Surface
+from ceiling_dso_ros.simulation.lighting import Source, floor_sources, irradiance
+from ceiling_dso_ros.simulation.render_kernels import Mesh, Textures
+
+CAMERA_HEIGHT_M = 0.62
+TEXELS_PER_PIXEL = 2.0
+LOW_PASS_PX = 0.6
+LIGHT_GRID_M = 0.08
+TEXEL_LEVELS = 8192  # texel value of radiance 1, the sensor's saturation at the reference exposure
+
+
+@dataclass(frozen=True)
+class Hall:
+    """What a ceiling is built of.
+
+    Attributes:
+        surfaces: everything that can be seen.
+        lamps: positions of lamps that light what is around them, with their powers.
+        size_m: length (x) and width (y) of the floor.
+        floor_plan: (n, 2, 2) line segments in x, y that a laser scanner sees.
+    """
+
+    surfaces: Sequence[Surface]
+    lamps: Sequence[Source]
+    size_m: Tuple[float, float]
+    floor_plan: np.ndarray
+
+
+class Scene(NamedTuple):
+    """A hall ready for rendering."""
+
+    mesh: Mesh
+    textures: Textures
+
+
+def build_scene(hall: Hall, focal_px: float, seed: int) -> Scene:
+    """Paint and light everything that can be seen from the floor.
+
+    Args:
+        hall: its description.
+        focal_px: focal length of the camera that the textures shall suit.
+        seed: of everything that is drawn at random.
+    """
+    surfaces = [surface for surface in hall.surfaces if _visible_from_floor(surface, hall.size_m)]
+    mesh = build_mesh(surfaces)
+    sources = [*floor_sources(hall.size_m, np.random.default_rng([seed, 1])), *hall.lamps]
+    grids = [_light_grid(surface) for surface in surfaces]
+    points, normals = (np.concatenate([grid[k].reshape(-1, 3) for grid in grids]) for k in (0, 1))
+    light = irradiance(mesh, sources, points, normals)
+    ends = np.cumsum([grid[0].shape[0] * grid[0].shape[1] for grid in grids])
+    lights = [part.reshape(grid[0].shape[:2]) for part, grid in zip(np.split(light, ends[:-1]), grids)]
+    return Scene(mesh, _bake(surfaces, lights, focal_px, seed))
+
+
+def build_mesh(surfaces: Sequence[Surface]) -> Mesh:
+    """Geometry of the surfaces as arrays."""
+    normals = np.array([surface.normal for surface in surfaces])
+    centers = np.array([surface.vertices.mean(axis=0) for surface in surfaces])
+    return Mesh(
+        vertices=np.concatenate([surface.vertices for surface in surfaces]),
+        first=np.cumsum([0] + [len(surface.vertices) for surface in surfaces]).astype(np.int32),
+        normals=normals,
+        offsets=np.array([n @ surface.vertices[0] for n, surface in zip(normals, surfaces)]),
+        centers=centers,
+        radii=np.array([np.linalg.norm(s.vertices - c, axis=1).max() for c, s in zip(centers, surfaces)]),
+    )
+
+
+def _visible_from_floor(surface: Surface, size_m: Tuple[float, float]) -> bool:
+    """Whether the front is turned to any place where a robot's camera can be."""
+    places = np.array([[x * size_m[0] / 2, y * size_m[1] / 2, z] for x in (-1, 1) for y in (-1, 1) for z in (0.2, 1.5)])
+    return bool(((places - surface.vertices[0]) @ surface.normal > 0).any())
+
+
+def _light_grid(surface: Surface) -> Tuple[np.ndarray, np.ndarray]:
+    """Points on a surface where light is computed, and their normals: (rows, columns, 3) each."""
+    columns, rows = (np.linspace(0.0, side, int(np.ceil(side / LIGHT_GRID_M)) + 1) for side in surface.extent_m)
+    across, along = columns[None, :, None] * surface.axis_u, rows[:, None, None] * surface.axis_v
+    points = surface.origin + across + along
+    if surface.edge_normals is None:
+        return points, np.broadcast_to(surface.normal, points.shape)
+    share = (rows / rows[-1])[:, None, None]
+    normals = (1 - share) * surface.edge_normals[0] + share * surface.edge_normals[1]
+    return points, np.broadcast_to(normals / np.linalg.norm(normals, axis=-1, keepdims=True), points.shape)
+
+
+def _bake(surfaces: Sequence[Surface], lights: Sequence[np.ndarray], focal_px: float, seed: int) -> Textures:
+    """Paint every sheet once and cut the surfaces out of it, lit."""
+    painted: Dict[Sheet, Tuple[np.ndarray, float]] = {}
+    parts: List[np.ndarray] = []
+    texel_m = np.empty(len(surfaces))
+    for i, (surface, light) in enumerate(zip(surfaces, lights)):
+        sheet = surface.sheet
+        if sheet not in painted:
+            painted[sheet] = _paint(sheet, _pixel_on(surface, focal_px), (seed, 2, len(painted)))
+        canvas, texel_m[i] = painted[sheet]
+        parts.append(_cut(canvas, surface, texel_m[i], light))
+    sizes = [part.size for part in parts]
+    return Textures(
+        texels=np.concatenate([part.reshape(-1) for part in parts]),
+        starts=np.cumsum([0, *sizes[:-1]]).astype(np.int64),
+        shapes=np.array([part.shape for part in parts], dtype=np.int32),
+        origins=np.array([surface.origin for surface in surfaces]),
+        axes=np.array([[s.axis_u, s.axis_v] for s in surfaces]) / texel_m[:, None, None],
+    )
+
+
+def _pixel_on(surface: Surface, focal_px: float) -> float:
+    """What a pixel of the upward camera covers on a surface, metres."""
+    heights = surface.vertices[:, 2]
+    return (
+        max((heights.mean() + heights.max()) / 2 - CAMERA_HEIGHT_M, 1.5) / focal_px * surface.sheet.material.coarseness
+    )
+
+
+def _paint(sheet: Sheet, pixel_m: float, seed: Tuple[int, ...]) -> Tuple[np.ndarray, float]:
+    canvas = sheet.material.canvas(sheet.size_m, pixel_m / TEXELS_PER_PIXEL, seed)
+    canvas.low_pass(LOW_PASS_PX * pixel_m)
+    return canvas.values, canvas.texel_m
+
+
+def _cut(canvas: np.ndarray, surface: Surface, texel_m: float, light: np.ndarray) -> np.ndarray:
+    """The surface's own texture: its part of the sheet times its light, (rows, columns) uint16."""
+    columns, rows = (int(np.ceil(side / texel_m)) + 2 for side in surface.extent_m)
+    left, top = (round(offset / texel_m) for offset in surface.offset_m)
+    part = canvas[top : top + rows, left : left + columns]
+    part = cv2.copyMakeBorder(part, 0, rows - part.shape[0], 0, columns - part.shape[1], cv2.BORDER_REPLICATE)
+    if not surface.sheet.material.luminous:
+        part = part * _interpolated(light, surface.extent_m, texel_m, part.shape)
+    return np.clip(part * TEXEL_LEVELS + 0.5, 0, 65535).astype(np.uint16)
+
+
+def _interpolated(
+    light: np.ndarray, extent_m: Tuple[float, float], texel_m: float, shape: Tuple[int, int]
+) -> np.ndarray:
+    """Light at every texel from that at the nodes, bilinear."""
+    along, across = (
+        _hat_functions(nodes, extent, texel_m, count)
+        for nodes, extent, count in zip(light.shape, extent_m[::-1], shape)
+    )
+    return along @ light.astype(np.float32) @ across.T
+
+
+def _hat_functions(nodes: int, extent: float, texel_m: float, count: int) -> np.ndarray:
+    """(count, nodes) weights that interpolate linearly between nodes spread over extent."""
+    position = np.minimum(np.arange(count) * texel_m / extent * (nodes - 1), nodes - 1)
+    return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(nodes)[None, :])).astype(np.float32)

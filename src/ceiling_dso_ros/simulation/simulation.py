@@ -1,0 +1,264 @@
+"""The simulated robot with all its sensors: measurements in the order of time, rendered while they are asked for."""
+
+import heapq
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from typing import Any, Deque, Dict, Iterator, NamedTuple, Union
+
+import numpy as np
+
+from ceiling_dso_ros.io.recording import RobotDescription
+from ceiling_dso_ros.simulation.camera import REFERENCE_EXPOSURE_MS, ExposureControl
+from ceiling_dso_ros.simulation.ceilings import CEILINGS
+from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.events import cover_mask, flicker_factor, is_dropped, light_level, parse_events
+from ceiling_dso_ros.simulation.rendering import SAMPLES, Renderer
+from ceiling_dso_ros.simulation.robot import NOMINAL, Robot
+from ceiling_dso_ros.simulation.scene import Hall, Scene, build_scene
+from ceiling_dso_ros.simulation.sensors import Encoders, InertialUnit, read_encoders, scan
+from ceiling_dso_ros.simulation.sequences import SEQUENCES, plan
+
+START_NS = 1_700_000_000_000_000_000  # stamp of time 0
+WHEEL_HZ, SCAN_HZ, IMU_HZ = 50.0, 10.0, 200.0
+FRAME_JITTER_S = 1.5e-4
+RENDER_THREADS, FRAMES_AHEAD = 2, 4
+
+
+@dataclass(frozen=True)
+class CameraFrame:
+    """What the cameras took at one moment.
+
+    Attributes:
+        stamp_ns: nanoseconds, the middle of the exposure as the camera's clock tells it.
+        time_s: the same as time of the simulation, without any error.
+        exposure_ms: exposure time.
+        images: child frame of the camera -> (H, W) uint8; the upward camera's comes first.
+    """
+
+    stamp_ns: int
+    time_s: float
+    exposure_ms: float
+    images: Dict[str, np.ndarray]
+
+    @property
+    def image(self) -> np.ndarray:
+        """The upward camera's, (H, W) uint8."""
+        return next(iter(self.images.values()))
+
+
+class WheelReading(NamedTuple):
+    """Counters of the wheels (left, right) wrapped to 32 bits, angles since the start in rad, and the true T_world_base."""
+
+    stamp_ns: int
+    counters: np.ndarray
+    angles_rad: np.ndarray
+    T_world_base: np.ndarray
+
+
+class ScanReading(NamedTuple):
+    """Ranges (541,) in metres at `sensors.SCAN_ANGLES`."""
+
+    stamp_ns: int
+    ranges_m: np.ndarray
+
+
+class ImuReading(NamedTuple):
+    """Angular rate (rad/s) and specific force (m/s^2), (3,) each."""
+
+    stamp_ns: int
+    angular_rate: np.ndarray
+    specific_force: np.ndarray
+
+
+Measurement = Union[CameraFrame, WheelReading, ScanReading, ImuReading]
+
+
+@lru_cache(maxsize=2)
+def _hall(ceiling: str, seed: int) -> Hall:
+    return CEILINGS[ceiling](np.random.default_rng([seed, 0]))
+
+
+@lru_cache(maxsize=2)
+def _scene(ceiling: str, seed: int, focal_px: float) -> Scene:
+    return build_scene(_hall(ceiling, seed), focal_px, seed)
+
+
+class Simulation:
+    """One drive under one ceiling.
+
+    Without asking for frames nothing is rendered: `encoders` and `robot` cost milliseconds, for Monte Carlo.
+
+    Attributes:
+        config: what was chosen.
+        events: what happens, with times.
+        robot: the true robot on its way.
+    """
+
+    def __init__(self, config: SimulationConfig) -> None:
+        """Plan the drive.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            EventError: an event is none.
+        """
+        config.check()
+        self.config = config
+        motion = plan(SEQUENCES[config.sequence], config.duration_s, self._rng("start"))
+        self.duration_s = config.duration_s or motion.duration_s
+        self.events = parse_events(config.events, self.duration_s)
+        tones = Robot.random_tones(self._rng("vibration"))
+        self.robot = Robot(motion, config.wheels.applied(NOMINAL), config.vibration, self.events, tones)
+        self._exposure = ExposureControl(config.camera, self.events, self.duration_s, self._rng("exposure"))
+
+    def _rng(self, *stream: Union[str, int]) -> np.random.Generator:
+        """Own random numbers for every purpose, so that none depends on what else is simulated."""
+        words = [list(word.encode()) if isinstance(word, str) else [word] for word in stream]
+        return np.random.default_rng([self.config.seed, *(number for word in words for number in word)])
+
+    @cached_property
+    def frame_times_s(self) -> np.ndarray:
+        """(N,) middles of the exposures of all images that are not dropped."""
+        rng = self._rng("frames")
+        count = int((self.duration_s - 0.02) * self.config.camera.fps)
+        times = (np.arange(count) + 1) / self.config.camera.fps
+        times += np.clip(FRAME_JITTER_S * rng.standard_normal(count), -1e-3, 1e-3)
+        kept = [not is_dropped(self.events, time_s, rng) for time_s in times]
+        return times[np.array(kept, dtype=bool)]
+
+    @cached_property
+    def encoders(self) -> Encoders:
+        """All readings of the wheels."""
+        times = np.arange(1, int(self.duration_s * WHEEL_HZ)) / WHEEL_HZ + 0.003
+        return read_encoders(
+            self.robot.motion, self.robot.true, self.config.wheels, self.events, times, self._rng("wheels")
+        )
+
+    @property
+    def nominal(self) -> RobotDescription:
+        """The robot as its integrator believes it to be."""
+        return NOMINAL
+
+    @property
+    def hall(self) -> Hall:
+        """The building."""
+        return _hall(self.config.ceiling, self.config.seed)
+
+    @property
+    def scene(self) -> Scene:
+        """The building ready for rendering; takes seconds the first time."""
+        return _scene(self.config.ceiling, self.config.seed, self.config.camera.lens.fx)
+
+    @cached_property
+    def cameras(self) -> Dict[str, np.ndarray]:
+        """Child frame of each camera -> T_base_camera; the upward one comes first."""
+        wanted = {"camera_up_optical_frame": True, "camera_up_right_optical_frame": self.config.stereo}
+        wanted["camera_front_optical_frame"] = self.config.forward
+        mounts = self.robot.static_transforms()
+        return {name: mounts[name] for name, is_wanted in wanted.items() if is_wanted}
+
+    def image_stamp_ns(self, time_s: float) -> int:
+        """Stamp of an image on the camera's clock."""
+        return stamp_ns(time_s + self.config.time_offset_s)
+
+    def frames(self) -> Iterator[CameraFrame]:
+        """All images, rendered by two threads a few frames ahead."""
+        renderer = Renderer(self.scene, self.config.camera.pinhole)
+        waiting: Deque[Future[CameraFrame]] = deque()
+        executor = ThreadPoolExecutor(RENDER_THREADS, thread_name_prefix="render")
+        try:
+            for index, time_s in enumerate(self.frame_times_s):
+                waiting.append(executor.submit(self._take, renderer, index, float(time_s)))
+                if len(waiting) > FRAMES_AHEAD:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+            executor.shutdown()
+
+    def _take(self, renderer: Renderer, index: int, time_s: float) -> CameraFrame:
+        camera = self.config.camera
+        exposure_ms = self._exposure.exposure_ms(time_s)
+        T_world_base = self.robot.T_world_base(time_s + SAMPLES[:, 2] * exposure_ms * 1e-3)
+        gain = exposure_ms / REFERENCE_EXPOSURE_MS * light_level(self.events, np.array([time_s]))[0]
+        gain *= flicker_factor(self.events, time_s, exposure_ms * 1e-3)
+        images = {}
+        for number, (name, T_base_camera) in enumerate(self.cameras.items()):
+            radiance = camera.distort(renderer.expose(T_world_base @ T_base_camera))
+            mask = cover_mask(self.events, time_s, camera.width) if number == 0 else 1.0
+            images[name] = camera.develop(radiance, gain * mask, self._rng("noise", number, index))
+        return CameraFrame(self.image_stamp_ns(time_s), time_s, exposure_ms, images)
+
+    def inverse_depth(self, time_s: float) -> np.ndarray:
+        """True 1/z of the upward camera at time_s, (H, W) float32 in 1/m of its pinhole image."""
+        return Renderer(self.scene, self.config.camera.pinhole).inverse_depth(self.robot.T_world_camera(time_s)[0])
+
+    def wheel_readings(self) -> Iterator[WheelReading]:
+        """All readings of the encoders."""
+        encoders = self.encoders
+        angles, poses = encoders.angles_rad(NOMINAL.ticks_per_turn), self.robot.T_world_base(encoders.time_s)
+        for time_s, counters, angle, T in zip(encoders.time_s, encoders.counters, angles, poses):
+            yield WheelReading(stamp_ns(time_s), counters, angle, T)
+
+    def scans(self) -> Iterator[ScanReading]:
+        """All sweeps of the laser scanner."""
+        rng = self._rng("scan")
+        for time_s in np.arange(0.05, self.duration_s, 1.0 / SCAN_HZ):
+            yield ScanReading(stamp_ns(time_s), scan(self.robot, self.hall.floor_plan, time_s, rng))
+
+    def imu_readings(self) -> Iterator[ImuReading]:
+        """All readings of the inertial unit, none if there is none."""
+        if self.config.imu:
+            unit = InertialUnit(self.robot, self._rng("imu"))
+            for time_s in np.arange(0.01, self.duration_s, 1.0 / IMU_HZ):
+                yield ImuReading(stamp_ns(time_s), *unit.measure(time_s))
+
+    def measurements(self) -> Iterator[Measurement]:
+        """Everything in the order of the stamps."""
+        streams = (self.wheel_readings(), self.scans(), self.imu_readings(), self.frames())
+        return heapq.merge(*streams, key=lambda measurement: measurement.stamp_ns)
+
+    def truth(self) -> Dict[str, Any]:
+        """Every true value and everything that was drawn at random, for a yaml file."""
+        true, start = self.robot.true, self.robot.motion.poses(np.zeros(1))[0]
+        return {
+            "config": asdict(self.config),
+            "duration_s": self.duration_s,
+            "path_m": float(np.abs(np.diff(self.robot.motion.travel_m(self.encoders.time_s))).sum()),
+            "start_xy_yaw": start.tolist(),
+            "events": [asdict(event) for event in self.events],
+            "wheel_radius": list(true.wheel_radius_m),
+            "wheel_base": true.wheel_base_m,
+            "ticks_per_turn": true.ticks_per_turn,
+            "first_ticks": self.encoders.ticks[0].tolist(),
+            "T_base_camera": true.T_base_camera.tolist(),
+            "camera_time_offset_s": self.config.time_offset_s,
+            "camera_intrinsics": self.config.camera.pinhole.parameters.tolist(),
+            "vibration_hz_and_phase": self.robot.tones.tolist(),
+        }
+
+
+def stamp_ns(time_s: float) -> int:
+    """Time of the simulation as a stamp in integer nanoseconds."""
+    return START_NS + round(time_s * 1e9)
+
+
+def simulate(
+    sequence: str = "loops", ceiling: str = "factory", seed: int = 0, **settings: object
+) -> Iterator[Measurement]:
+    """Measurements of a simulated drive in the order of time, without writing anything.
+
+    Args:
+        sequence: a name of `sequences.SEQUENCES`.
+        ceiling: a name of `ceilings.CEILINGS`.
+        seed: of everything that is drawn at random.
+        **settings: further attributes of SimulationConfig.
+
+    Raises:
+        ConfigError: a setting is out of range.
+        EventError: an event is none.
+    """
+    return Simulation(SimulationConfig(sequence, ceiling, seed, **settings)).measurements()
