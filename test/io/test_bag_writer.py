@@ -1,6 +1,7 @@
 import re
 import resource
 import signal
+import struct
 
 import numpy as np
 import pytest
@@ -98,6 +99,24 @@ def test_sixteen_bit_and_colour_images(tmp_path):
     assert (messages["/depth"][2].encoding, messages["/depth"][2].step) == ("mono16", 8)
     assert messages["/depth"][2].data.view(np.uint16).tolist() == depth.ravel().tolist()
     assert (messages["/colour"][2].encoding, messages["/colour"][2].step) == ("rgb8", 12)
+
+
+def test_the_first_record_is_as_long_as_ros_makes_it(tmp_path):
+    """`rosbag reindex` and appending replace it by one of 4096 bytes, besides the lengths of its header and data."""
+
+    def check(path):
+        content = path.read_bytes()[len(b"#ROSBAG V2.0\n") :]
+        (header_length,) = struct.unpack_from("<L", content)
+        (data_length,) = struct.unpack_from("<L", content, 4 + header_length)
+        assert header_length + data_length == 4096
+        next_record = content[4 + 4 + 4096 :]
+        assert b"op=\x05" in next_record[:50], "a chunk follows"
+
+    with BagWriter(tmp_path / "a.bag") as bag:
+        bag.image("/image", STAMP_NS, "camera", np.zeros((2000, 1000), np.uint8))
+        bag._writer.bio.flush()
+        check(tmp_path / "a.bag.active")
+    check(tmp_path / "a.bag")
 
 
 def test_same_calls_give_the_same_bytes(tmp_path):

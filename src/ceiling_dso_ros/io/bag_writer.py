@@ -1,5 +1,7 @@
 """Writes ROS 1 bags message by message, as `rosbag record` would."""
 
+import os
+import struct
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +24,7 @@ from ceiling_dso_ros.io.ros_messages import (
     vector,
 )
 
+HEADER_GAP = 8  # bytes, see _lengthen_bag_header
 ENCODING_OF_DTYPE = {"uint8": "mono8", "uint16": "mono16"}
 
 
@@ -47,6 +50,9 @@ class BagWriter:
             self._active.unlink(missing_ok=True)
             self._writer = Writer(self._active)
             self._writer.open()
+            self._writer.bio.write(b" " * HEADER_GAP)
+            self._writer.bio.flush()
+            _lengthen_bag_header(self._active)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot write the bag: {error.strerror}") from error
 
@@ -61,6 +67,7 @@ class BagWriter:
         try:
             with deferred_interrupt():
                 self._writer.close()
+                _lengthen_bag_header(self._active)
                 self._active.replace(self.path)
         except OSError as failure:
             self._abandon(failure)
@@ -276,6 +283,19 @@ class BagWriter:
             self._writer.bio.close()
         self._active.unlink(missing_ok=True)
         raise OutputError(f"{self.path}: cannot write the bag, it was removed: {error.strerror}") from error
+
+
+def _lengthen_bag_header(path: Path) -> None:
+    """Give the padding of the bag's first record the length that ROS expects.
+
+    ROS pads header and data to 4096 bytes, rosbags the record with its two length fields. With the shorter record
+    `rosbag reindex` would write over the first chunk.
+    """
+    with path.open("r+b") as file:
+        file.seek(len(b"#ROSBAG V2.0\n"))
+        (header_length,) = struct.unpack("<L", file.read(4))
+        file.seek(header_length, os.SEEK_CUR)
+        file.write(struct.pack("<L", 4096 - header_length))
 
 
 def _flat(matrix: Optional[np.ndarray], size: int) -> np.ndarray:
