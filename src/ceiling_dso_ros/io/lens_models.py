@@ -4,6 +4,7 @@ A ray is given by its ideal pinhole coordinates x = X/Z, y = Y/Z in the camera's
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Callable, Dict, Tuple
 
 import numpy as np
@@ -70,7 +71,7 @@ class LensCamera:
             inside = (u >= 0) & (u <= self.width - 1) & (v >= 0) & (v <= self.height - 1)
         return inside & (np.hypot(x, y) <= self.max_radius)
 
-    @property
+    @cached_property
     def max_radius(self) -> float:
         """Largest hypot(x, y) up to which the model is valid.
 

@@ -11,8 +11,8 @@ import numpy as np
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.io.lens_models import LensCamera
 
-BISECTIONS = 60  # more than the bits of a float64
-SAMPLES = 4001  # points checked on each side of a view
+BISECTIONS = 52  # the bits of a float64
+SAMPLES = 1001  # points checked on each side of a view
 
 
 def crop_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
