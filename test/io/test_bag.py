@@ -265,3 +265,16 @@ def test_a_mount_that_nobody_knows(path, tmp_path):
         write_images(bag)
     with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'robot.yaml'}: T_base_camera must have xyz")):
         _ = open_recording(path, robot_file=tmp_path / "robot.yaml").robot
+
+
+def test_files_beside_the_bag_belong_to_it(path, tmp_path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+    mount = "T_base_camera: {xyz: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}\n"
+    (tmp_path / "tour.robot.yaml").write_text(ROBOT + mount)
+    (tmp_path / "other.yaml").write_text(ROBOT.replace("1000", "2000") + mount)
+    (tmp_path / "tour.groundtruth.tum").write_text("1 0 0 0 0 0 0 1\n")
+    assert open_recording(path).robot.ticks_per_turn == 1000
+    assert open_recording(path, robot_file=tmp_path / "other.yaml").robot.ticks_per_turn == 2000
+    assert open_recording(path).ground_truth_path == tmp_path / "tour.groundtruth.tum"

@@ -28,7 +28,10 @@ DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
 
 
 class BagRecording(Recording):
-    """A ROS 1 bag, read message by message; only exposures and wheel data are held in memory."""
+    """A ROS 1 bag, read message by message; only exposures and wheel data are held in memory.
+
+    Beside `tour.bag` may lie `tour.robot.yaml` and `tour.groundtruth.tum`.
+    """
 
     def __init__(
         self,
@@ -44,7 +47,7 @@ class BagRecording(Recording):
         """
         self.path = path
         self._topics = topics
-        self._robot_file = robot_file
+        self._robot_file = robot_file or self._beside(".robot.yaml")
         with open_bag(path) as reader:
             connections = reader.connections
         self._types = {connection.topic: connection.msgtype for connection in connections}
@@ -91,8 +94,12 @@ class BagRecording(Recording):
 
     @property
     def ground_truth_path(self) -> Optional[Path]:
-        """See Recording; a bag has none."""
-        return None
+        """See Recording."""
+        return self._beside(".groundtruth.tum")
+
+    def _beside(self, ending: str) -> Optional[Path]:
+        path = self.path.with_name(self.path.stem + ending)
+        return path if path.exists() else None
 
     def _find_image_topic(self) -> str:
         wanted = self._topics.image

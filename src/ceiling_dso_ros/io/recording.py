@@ -216,7 +216,7 @@ def open_recording(
         path: folder or bag.
         topics: where to look in a bag.
         camera_file: a `camera.txt` instead of the recording's own calibration.
-        robot_file: a `robot.yaml` instead of the folder's own; a bag has none.
+        robot_file: a `robot.yaml` instead of the folder's own, or of the one beside the bag (`tour.robot.yaml`).
 
     Raises:
         InputError: there is no recording, or it cannot be used.
