@@ -1,7 +1,7 @@
 """The robot: where its base and cameras are at any time, and what its wheels turn.
 
-base_link lies on the floor between the wheels, x ahead, y left, z up (REP-103). Optical frames: z along the view, x right,
-y down.
+base_link lies on the floor between the wheels, x ahead, y left, z up (REP-103). Optical frames: z along the
+view, x right, y down.
 """
 
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
 """From the description of a hall to the arrays that are rendered: geometry, and textures with the light painted in.
 
-A robot on a floor sees every part of a ceiling from the same height, so one texel size per surface, half of what a pixel
-covers there, and one low-pass filter suit all frames: the same point has the same grey in all of them.
+A robot on a floor sees every part of a ceiling from the same height, so one texel size per surface, half of what a
+pixel covers there, and one low-pass filter suit all frames: the same point has the same grey in all of them.
 """
 
 from dataclasses import dataclass

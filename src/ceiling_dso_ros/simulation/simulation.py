@@ -49,7 +49,7 @@ class CameraFrame:
 
 
 class WheelReading(NamedTuple):
-    """Counters of the wheels (left, right) wrapped to 32 bits, angles since the start in rad, and the true T_world_base."""
+    """Counters of the wheels (left, right) in 32 bits, angles since the start in rad, and the true T_world_base."""
 
     stamp_ns: int
     counters: np.ndarray

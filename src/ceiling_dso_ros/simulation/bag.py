@@ -1,0 +1,155 @@
+"""A simulated drive as a ROS 1 bag, with the truth in files beside it."""
+
+from functools import singledispatchmethod
+from pathlib import Path
+from typing import Any, Dict, Iterable, List
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.wheel import WheelOdometry
+from ceiling_dso_ros.io.bag_writer import BagWriter
+from ceiling_dso_ros.io.errors import OutputError
+from ceiling_dso_ros.io.recording import RobotDescription
+from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.io.trajectory import write_tum
+from ceiling_dso_ros.simulation.recording import SimulatedRecording
+from ceiling_dso_ros.simulation.sensors import SCAN_ANGLES, SCAN_RANGE_M
+from ceiling_dso_ros.simulation.simulation import SCAN_HZ, START_NS, CameraFrame, ImuReading, ScanReading, WheelReading
+
+WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
+CAMERA_NAMESPACES = {
+    "camera_up_optical_frame": "/camera/up",
+    "camera_up_right_optical_frame": "/camera/up_right",
+    "camera_front_optical_frame": "/camera/front",
+}
+
+
+def files_beside(bag: Path) -> Dict[str, Path]:
+    """What is written beside a bag: the camera's and the base's true poses, all true values, the nominal robot."""
+    endings = {
+        "camera": ".groundtruth.tum",
+        "base": ".groundtruth_base.tum",
+        "truth": ".truth.yaml",
+        "robot": ".robot.yaml",
+    }
+    return {name: bag.with_name(bag.stem + ending) for name, ending in endings.items()}
+
+
+def write_files_beside(bag: Path, recording: SimulatedRecording) -> None:
+    """Write the truth.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    files = files_beside(bag)
+    write_tum(files["camera"], recording.camera_truth)
+    write_tum(files["base"], recording.base_truth)
+    _write_yaml(files["truth"], recording.simulation.truth())
+    _write_yaml(files["robot"], _robot_file(recording.robot))
+
+
+def write_measurements(bag: BagWriter, recording: SimulatedRecording, measurements: Iterable[Any]) -> None:
+    """Write the static transforms and then all measurements, one by one.
+
+    Raises:
+        OutputError: the bag cannot be written.
+    """
+    simulation = recording.simulation
+    mounts = simulation.robot.static_transforms()
+    fitted = {*simulation.cameras, "laser", *(("imu",) if simulation.config.imu else ())}
+    transforms = [("base_link", child, T) for child, T in mounts.items() if child in fitted]
+    # odom begins where the robot starts, so that all of a run can be seen in one fixed frame with the truth
+    T_map_odom = planar.lift(simulation.robot.motion.poses(np.zeros(1))[0])
+    bag.tf_static(START_NS, [("map", "odom", T_map_odom), *transforms])
+    messages = _Messages(bag, recording)
+    for measurement in measurements:
+        messages.write(measurement)
+
+
+class _Messages:
+    """Writes each kind of measurement to its topics."""
+
+    def __init__(self, bag: BagWriter, recording: SimulatedRecording) -> None:
+        nominal = recording.robot
+        model = RobotModel(nominal.T_base_camera, nominal.wheel_base_m, nominal.wheel_radius_m, nominal.ticks_per_turn)
+        self._bag = bag
+        self._lens = recording.calibration.lens
+        self._odometry = WheelOdometry(model, WheelConfig())
+
+    @singledispatchmethod
+    def write(self, measurement: object) -> None:
+        raise TypeError(type(measurement).__name__)
+
+    @write.register
+    def _(self, frame: CameraFrame) -> None:
+        lens, stamp_ns = self._lens, frame.stamp_ns
+        distortion = (*lens.distortion, 0.0) if lens.distortion else (0.0,) * 5
+        for frame_id, image in frame.images.items():
+            topic = CAMERA_NAMESPACES[frame_id]
+            size = (lens.width, lens.height)
+            self._bag.camera_info(f"{topic}/camera_info", stamp_ns, frame_id, size, lens.matrix, distortion)
+            self._bag.exposure(f"{topic}/exposure", stamp_ns, frame_id, frame.exposure_ms)
+            self._bag.image(f"{topic}/image_raw", stamp_ns, frame_id, image)
+
+    @write.register
+    def _(self, reading: WheelReading) -> None:
+        stamp_ns, (left, right) = reading.stamp_ns, (int(counter) for counter in reading.counters)
+        self._bag.joint_state("/joint_states", stamp_ns, WHEEL_JOINTS, reading.angles_rad)
+        self._bag.ticks("/wheel/left/ticks", stamp_ns, left)
+        self._bag.ticks("/wheel/right/ticks", stamp_ns, right)
+        step = self._odometry.add_ticks(seconds(stamp_ns), left, right)
+        forward, _, turn = np.zeros(3) if step is None else step.rate
+        self._bag.odometry(
+            "/odom",
+            stamp_ns,
+            "odom",
+            "base_link",
+            planar.lift(self._odometry.total.pose),
+            (forward, 0.0, 0.0),
+            (0.0, 0.0, turn),
+            _planar_covariance(self._odometry.covariance_odom),
+        )
+        self._bag.pose("/ground_truth", stamp_ns, "map", reading.T_world_base)
+
+    @write.register
+    def _(self, reading: ScanReading) -> None:
+        limits = (float(SCAN_ANGLES[0]), float(SCAN_ANGLES[-1]))
+        self._bag.laser_scan(
+            "/scan", reading.stamp_ns, "laser", reading.ranges_m, limits, SCAN_RANGE_M, scan_time=1.0 / SCAN_HZ
+        )
+
+    @write.register
+    def _(self, reading: ImuReading) -> None:
+        self._bag.imu("/imu", reading.stamp_ns, "imu", reading.angular_rate, reading.specific_force)
+
+
+UNKNOWN_VARIANCE = 1e-6  # of z, roll and pitch, which a floor fixes
+
+
+def _planar_covariance(covariance: np.ndarray) -> np.ndarray:
+    """(6, 6) of x y z roll pitch yaw from (3, 3) of x y yaw."""
+    full = np.eye(6) * UNKNOWN_VARIANCE
+    full[np.ix_([0, 1, 5], [0, 1, 5])] = covariance
+    return full
+
+
+def _robot_file(robot: RobotDescription) -> Dict[str, Any]:
+    T = robot.T_base_camera
+    quaternion: List[float] = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
+    return {
+        "ticks_per_turn": robot.ticks_per_turn,
+        "wheel_radius": list(robot.wheel_radius_m),
+        "wheel_base": robot.wheel_base_m,
+        "T_base_camera": {"xyz": T[:3, 3].tolist(), "quat_xyzw": quaternion},
+    }
+
+
+def _write_yaml(path: Path, content: Dict[str, Any]) -> None:
+    try:
+        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write the file: {error.strerror}") from error
