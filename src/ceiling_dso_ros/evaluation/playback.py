@@ -8,7 +8,6 @@ from typing import Any, Callable, Dict, Iterable, List, Union
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.evaluation.timing import TimingLog
-from ceiling_dso_ros.io.errors import FrameError
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import write_tum
@@ -25,8 +24,8 @@ class Playback:
         warnings: what was wrong with skipped frames.
     """
 
-    def __init__(self, preprocessor: ImagePreprocessor, odometry: DirectOdometry, warn: Callable[[str], None]) -> None:
-        self._preprocessor = preprocessor
+    def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, warn: Callable[[str], None]) -> None:
+        self._preprocess = preprocess
         self._odometry = odometry
         self._warn = warn
         self.trajectories = TrajectoryRecorder()
@@ -37,12 +36,10 @@ class Playback:
         """Track every frame; whatever the frames or the odometry raise goes through."""
         for frame in frames:
             if isinstance(frame, SkippedFrame):
-                self._skip(frame.reason)
-                continue
-            try:
+                self.warnings.append(frame.reason)
+                self._warn(frame.reason)
+            else:
                 self._track(frame)
-            except FrameError as error:
-                self._skip(f"frame of {frame.stamp_s:.6f} s: {error}")
 
     def write(self, directory: Path, end: str) -> None:
         """Write all files of a run but its settings.
@@ -73,10 +70,6 @@ class Playback:
             "scale": {"value": None, "sigma": None, "converged": False},
             "warnings": self.warnings,
         }
-
-    def _skip(self, reason: str) -> None:
-        self.warnings.append(reason)
-        self._warn(f"{reason}; frame skipped")
 
     def _track(self, frame: Frame) -> None:
         start = time.perf_counter()

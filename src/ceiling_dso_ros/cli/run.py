@@ -1,0 +1,108 @@
+"""`run`: from a recording to trajectories."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ceiling_dso_ros.io.errors import InputError
+
+if TYPE_CHECKING:
+    from ceiling_dso_ros.io.recording import Recording
+
+
+def add_parser(commands: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "run",
+        help="from a recording to trajectories",
+        description="Track the camera of a recording; writes camera.tum, camera_final.tum, keyframes.tum, timing.csv, "
+        "config.yaml and summary.json into DIR, also when it is interrupted.",
+    )
+    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go; made if missing")
+    parser.add_argument("--camera", metavar="camera.txt", type=Path, help="calibration instead of the recording's own")
+    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions instead of the recording's own")
+    parser.add_argument("--image-topic", metavar="TOPIC", help="of a bag (default /camera/up/image_raw)")
+    parser.add_argument("--camera-info-topic", metavar="TOPIC", help="of a bag (default beside the images)")
+    parser.add_argument("--exposure-topic", metavar="TOPIC", help="of a bag (default beside the images)")
+    parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
+    parser.add_argument(
+        "--set",
+        metavar="key=value",
+        dest="overrides",
+        action="append",
+        default=[],
+        help="one setting, as in window.max_keyframes=5; may be repeated",
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Run the odometry over the whole recording and write the results, whatever happens on the way.
+
+    Raises:
+        InputError: wrong settings, unreadable recording, or a folder that cannot be written.
+    """
+    from tqdm import tqdm
+
+    from ceiling_dso_ros.cli.settings import load_settings, write_settings
+    from ceiling_dso_ros.dso import DirectOdometry
+    from ceiling_dso_ros.evaluation.playback import Playback
+    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+
+    config = load_settings(options.config, options.overrides)
+    recording = _open_recording(options)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        write_settings(options.out / "config.yaml", config)
+    except OSError as error:
+        raise InputError(f"{options.out}: cannot write there: {error.strerror}; choose another --out") from error
+
+    playback = Playback(
+        ImagePreprocessor(recording.calibration, recording.photometric),
+        DirectOdometry(recording.calibration.camera, config),
+        warn=lambda message: tqdm.write(f"warning: {message}", file=sys.stderr),
+    )
+    end = "complete"
+    try:
+        # disable=None: no bar where stderr is no terminal
+        with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
+            playback.play(frames)
+    except KeyboardInterrupt:
+        end = "interrupted"
+        raise
+    except Exception as error:
+        end = f"failed: {type(error).__name__}: {error}"
+        raise
+    finally:
+        playback.write(options.out, end)
+        print(_describe(playback.summary(), options.out))
+
+
+def _open_recording(options: argparse.Namespace) -> "Recording":
+    from ceiling_dso_ros.io.recording import TopicNames, open_recording
+
+    topics = {
+        "image": options.image_topic,
+        "camera_info": options.camera_info_topic,
+        "exposure": options.exposure_topic,
+    }
+    recording = open_recording(
+        options.input,
+        TopicNames(**{name: topic for name, topic in topics.items() if topic is not None}),
+        camera_file=options.camera,
+        robot_file=options.robot,
+    )
+    recording.robot  # noqa: B018  # read on demand: a wrong robot.yaml shall be known before the run, not after it
+    return recording
+
+
+def _describe(summary: dict, directory: Path) -> str:
+    mean_ms = summary["ms"]["all"]["mean"]
+    return (
+        f"{summary['tracked']} of {summary['frames']} frames tracked, {summary['lost']} lost, "
+        f"{summary['keyframes']} keyframes in {summary['segments']} segments, {len(summary['warnings'])} frames skipped"
+        + (f", {mean_ms:.1f} ms a frame" if mean_ms is not None else "")
+        + f"; results in {directory}"
+    )

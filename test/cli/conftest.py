@@ -1,0 +1,62 @@
+"""A small recording that the odometry can track, and the command line as users call it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+WIDTH, HEIGHT, COUNT = 192, 144, 40
+START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
+FOCAL_PX = 120.0
+
+
+def stamp(index):
+    nanoseconds = START_NS + index * PERIOD_NS
+    return f"{nanoseconds // 10**9}.{nanoseconds % 10**9:09d}"
+
+
+def pictures():
+    """What a camera sees that drives along a ceiling of beams in front of panels, twice as near."""
+    rng = np.random.default_rng(7)
+    panels, beams = (cv2.GaussianBlur(rng.uniform(0, 255, (HEIGHT, 500)), (0, 0), 1.5) for _ in range(2))
+    panels, beams = ((layer - layer.mean()) * 50 / layer.std() + 120 for layer in (panels, beams))
+    x, y = np.meshgrid(np.arange(WIDTH, dtype=np.float32), np.arange(HEIGHT, dtype=np.float32))
+    for index in range(COUNT):
+        far = cv2.remap(panels, x + 0.8 * index, y, cv2.INTER_LINEAR)
+        near = cv2.remap(beams, x + 1.6 * index, y, cv2.INTER_LINEAR)
+        on_beam = (x + 1.6 * index) % 80 < 30
+        yield np.clip(np.where(on_beam, near, far), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture
+def tum_folder(tmp_path):
+    """A folder in the TUM-mono layout."""
+    folder = tmp_path / "tour"
+    (folder / "images").mkdir(parents=True)
+    for index, picture in enumerate(pictures()):
+        cv2.imwrite(str(folder / "images" / f"{index:05d}.png"), picture)
+    (folder / "times.txt").write_text("".join(f"{index:05d} {stamp(index)} 5.5\n" for index in range(COUNT)))
+    size = f"{WIDTH} {HEIGHT}"
+    lens = f"Pinhole {FOCAL_PX} {FOCAL_PX} {WIDTH / 2 - 0.5} {HEIGHT / 2 - 0.5} 0"
+    (folder / "camera.txt").write_text(f"{lens}\n{size}\nnone\n{size}\n")
+    return folder
+
+
+@pytest.fixture
+def command():
+    """Run `python3 -m ceiling_dso_ros WORDS` in a process of its own."""
+
+    def run(*words):
+        return subprocess.run(
+            [sys.executable, "-m", "ceiling_dso_ros", *map(str, words)],
+            env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+            capture_output=True,
+            text=True,
+        )
+
+    return run

@@ -1,0 +1,304 @@
+import csv
+import fcntl
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+
+import cv2
+import numpy as np
+import pytest
+
+from ceiling_dso_ros import dso
+from ceiling_dso_ros.cli.main import main
+from ceiling_dso_ros.cli.settings import load_settings
+from ceiling_dso_ros.io.bag_writer import BagWriter
+from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.recording import open_recording
+from ceiling_dso_ros.io.stamps import parse_stamp_ns
+from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.io.tum_folder import TumFolderRecording
+
+FRAMES = 40
+TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
+OUTPUTS = {*TRAJECTORIES, "timing.csv", "config.yaml", "summary.json"}
+IMAGE = "/camera/up/image_raw"
+
+
+def summary_of(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def edit(path, line, text):
+    """Replace one line, counted from 1."""
+    lines = path.read_text().splitlines()
+    lines[line - 1] = text
+    path.write_text("\n".join(lines) + "\n")
+
+
+def bag_of(tum_folder, image_topic=IMAGE, info_topic="/camera/up/camera_info"):
+    """The folder's recording as a ROS 1 bag."""
+    lens = open_recording(tum_folder).calibration.lens
+    K = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
+    path = tum_folder.with_suffix(".bag")
+    with BagWriter(path) as bag:
+        for line in (tum_folder / "times.txt").read_text().splitlines():
+            image_id, stamp, exposure_ms = line.split()
+            stamp_ns = parse_stamp_ns(stamp)
+            image = cv2.imread(str(tum_folder / "images" / f"{image_id}.png"), cv2.IMREAD_GRAYSCALE)
+            if info_topic:
+                bag.camera_info(info_topic, stamp_ns, "camera", (lens.width, lens.height), K)
+            bag.exposure(image_topic.rpartition("/")[0] + "/exposure", stamp_ns, "camera", float(exposure_ms))
+            bag.image(image_topic, stamp_ns, "camera", image)
+    return path
+
+
+def assert_refused(result, *texts):
+    assert result.returncode == 2, result
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    for text in texts:
+        assert text in result.stderr
+
+
+def test_writes_all_files_and_they_agree(tum_folder, command, tmp_path):
+    out = tmp_path / "made" / "for" / "me"
+    result = command("run", tum_folder, "--out", out)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {path.name for path in out.iterdir()} == OUTPUTS
+
+    summary = summary_of(out)
+    assert set(summary) >= {"frames", "tracked", "lost", "keyframes", "segments", "ms", "scale", "warnings"}
+    assert summary["frames"] == FRAMES
+    assert summary["tracked"] > FRAMES / 2
+    assert summary["end"] == "complete"
+    assert summary["warnings"] == []
+    assert summary["ms"]["all"]["max"] >= summary["ms"]["others"]["median"] > 0
+    assert summary["scale"] == {"value": None, "sigma": None, "converged": False}
+    assert f"{summary['tracked']} of {FRAMES} frames tracked" in result.stdout
+
+    with (out / "timing.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == FRAMES
+    assert {"stamp", "total_ms", "undistort_ms", "is_keyframe", "state"} <= set(rows[0])
+    tracked = [float(row["stamp"]) for row in rows if row["state"] == "tracking"]
+    assert np.array_equal(read_tum(out / "camera.tum").stamps_s, tracked)
+    assert np.array_equal(read_tum(out / "camera_final.tum").stamps_s, tracked)
+    assert len(read_tum(out / "keyframes.tum")) == summary["keyframes"]
+    for row in rows:
+        stages_ms = [float(value) for name, value in row.items() if name.endswith("_ms") and name != "total_ms"]
+        assert float(row["total_ms"]) >= sum(stages_ms) * 0.5
+
+
+def test_running_twice_and_from_a_bag_gives_the_same_bytes(tum_folder, command, tmp_path):
+    outputs = []
+    for number, recording in enumerate((tum_folder, tum_folder, bag_of(tum_folder))):
+        out = tmp_path / f"run{number}"
+        assert command("run", recording, "--out", out).returncode == 0
+        outputs.append([(out / name).read_bytes() for name in (*TRAJECTORIES, "config.yaml")])
+    assert len(outputs[0][0]) > 0
+    assert outputs[0] == outputs[1] == outputs[2]
+
+
+def test_other_topics_of_a_bag(tum_folder, command, tmp_path):
+    bag = bag_of(tum_folder, "/cam/mono", "/calibration")
+    topics = ("--image-topic", "/cam/mono", "--camera-info-topic", "/calibration")
+    assert command("run", bag, "--out", tmp_path / "out", *topics).returncode == 0
+    assert summary_of(tmp_path / "out")["tracked"] > FRAMES / 2
+
+
+def test_settings_take_effect_and_a_run_can_be_repeated_from_its_own(tum_folder, command, tmp_path):
+    few = ("--set", "window.active_points=300", "--set", "window.candidate_points=300")
+    assert command("run", tum_folder, "--out", tmp_path / "default").returncode == 0
+    assert command("run", tum_folder, "--out", tmp_path / "few", *few).returncode == 0
+    config = tmp_path / "few" / "config.yaml"
+    assert load_settings(config, []).window.active_points == 300
+    assert command("run", tum_folder, "--out", tmp_path / "again", "--config", config).returncode == 0
+
+    def trajectory(name):
+        return (tmp_path / name / "camera.tum").read_bytes()
+
+    assert trajectory("few") == trajectory("again") != trajectory("default")
+
+
+def test_bad_frames_are_warned_of_counted_and_skipped(tum_folder, command, tmp_path):
+    truncated = tum_folder / "images" / "00020.png"
+    truncated.write_bytes(truncated.read_bytes()[:500])
+    cv2.imwrite(str(tum_folder / "images" / "00025.png"), np.zeros((50, 60), np.uint8))
+    (tum_folder / "images" / "00030.png").unlink()
+    lines = (tum_folder / "times.txt").read_text().splitlines()
+    repeated = lines[10].replace("00010 ", "00011 ")
+    edit(tum_folder / "times.txt", 12, repeated)
+    result = command("run", tum_folder, "--out", tmp_path / "out")
+    assert result.returncode == 0
+    warnings = result.stderr.splitlines()
+    assert len(warnings) == 4
+    assert all(warning.startswith("warning: ") for warning in warnings)
+    for warning, text in zip(warnings, ("00011.png", "00020.png", "00025.png", "line 31")):
+        assert text in warning
+    summary = summary_of(tmp_path / "out")
+    assert summary["frames"] == FRAMES - 4
+    assert [f"warning: {warning}" for warning in summary["warnings"]] == warnings
+    assert summary["tracked"] > FRAMES / 2
+
+
+def test_missing_input(command, tmp_path):
+    assert_refused(command("run", tmp_path / "nothing", "--out", tmp_path / "out"), "nothing")
+    assert not (tmp_path / "out").exists()
+
+
+def test_empty_folder(command, tmp_path):
+    (tmp_path / "empty").mkdir()
+    assert_refused(command("run", tmp_path / "empty", "--out", tmp_path / "out"), "empty", "images")
+
+
+def test_unreadable_bag(command, tmp_path):
+    (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\nand then nothing")
+    assert_refused(command("run", tmp_path / "broken.bag", "--out", tmp_path / "out"), "broken.bag")
+
+
+def test_topic_that_is_not_in_the_bag(tum_folder, command, tmp_path):
+    bag = bag_of(tum_folder)
+    assert_refused(
+        command("run", bag, "--out", tmp_path / "out", "--image-topic", "/front"), "tour.bag", "/front", IMAGE
+    )
+
+
+def test_bag_without_camera_info_needs_a_camera_file(tum_folder, command, tmp_path):
+    bag = bag_of(tum_folder, info_topic=None)
+    out = ("--out", tmp_path / "out")
+    assert_refused(command("run", bag, *out), "tour.bag", "/camera/up/camera_info")
+    assert command("run", bag, *out, "--camera", tum_folder / "camera.txt").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "text"), [(1, "Pinhole 120 120 95.5"), (1, "Pinhole nan 120 95.5 71.5 0"), (2, "192"), (3, "cut")]
+)
+def test_wrong_line_in_the_camera_file(tum_folder, command, tmp_path, line, text):
+    edit(tum_folder / "camera.txt", line, text)
+    result = command("run", tum_folder, "--out", tmp_path / "out")
+    assert_refused(result, "camera.txt, line " + str(line), "expected")
+
+
+def test_wrong_robot_file(tum_folder, command, tmp_path):
+    robot = tmp_path / "robot.yaml"
+    robot.write_text("ticks_per_turn: none\n")
+    assert_refused(
+        command("run", tum_folder, "--out", tmp_path / "out", "--robot", robot), "robot.yaml", "ticks_per_turn"
+    )
+
+
+@pytest.mark.parametrize("setting", ["window.frames=3", "window.max_keyframes=x", "window.max_keyframes=0"])
+def test_wrong_setting(tum_folder, command, tmp_path, setting):
+    assert_refused(command("run", tum_folder, "--out", tmp_path / "out", "--set", setting), setting.partition("=")[0])
+
+
+def test_unwritable_folder(tum_folder, command, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert_refused(command("run", tum_folder, "--out", tmp_path / "file"), "file", "File exists")
+    assert_refused(command("run", tum_folder, "--out", tmp_path / "file" / "out"), "file/out", "Not a directory")
+
+
+def test_usage_errors(tum_folder, command):
+    assert_refused(command("run", tum_folder), "--out")
+    assert_refused(command("fly"), "fly")
+    assert_refused(command(), "COMMAND")
+
+
+def make_endless(tum_folder):
+    """The camera goes back and forth over the same images."""
+    there_and_back = [*range(FRAMES), *range(FRAMES - 2, 0, -1)]
+    with (tum_folder / "times.txt").open("w") as file:
+        for index in range(100_000):
+            file.write(f"{there_and_back[index % len(there_and_back)]:05d} {1000 + index / 30:.6f} 5.5\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_keeps_what_it_has(tum_folder, tmp_path, number):
+    """On a terminal, where the progress bar says when there is something to keep."""
+    make_endless(tum_folder)
+    out = tmp_path / "out"
+    terminal, its_other_end = os.openpty()
+    fcntl.ioctl(its_other_end, termios.TIOCSWINSZ, struct.pack("HHHH", 25, 100, 0, 0))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ceiling_dso_ros", "run", str(tum_folder), "--out", str(out)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.DEVNULL,
+        stderr=its_other_end,
+    )
+    os.close(its_other_end)
+    shown = ""
+    while not re.search(r" [1-9]\d\d+/100000", shown):
+        shown += os.read(terminal, 1000).decode()
+    process.send_signal(number)
+    while True:
+        try:
+            shown += os.read(terminal, 1000).decode()
+        except OSError:  # how Linux reports that the other end was closed
+            break
+    os.close(terminal)
+    assert process.wait() == 130
+    assert shown.splitlines()[-1] == "error: interrupted"
+    summary = summary_of(out)
+    assert summary["end"] == "interrupted"
+    assert 100 <= summary["frames"] < 100_000
+    assert len(read_tum(out / "camera.tum")) == len(read_tum(out / "camera_final.tum")) == summary["tracked"] > 0
+    assert {path.name for path in out.iterdir()} == OUTPUTS
+
+
+def failing_at(frame, error):
+    """A DirectOdometry that raises error at a frame, counted from 1."""
+
+    class Failing(dso.DirectOdometry):
+        count = 0
+
+        def track(self, *arguments):
+            self.count += 1
+            if self.count == frame:
+                raise error
+            return super().track(*arguments)
+
+    return Failing
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "end", "line"),
+    [
+        (
+            RuntimeError("no more\nideas"),
+            1,
+            "failed: RuntimeError: no more\nideas",
+            "error: RuntimeError: no more ideas",
+        ),
+        (KeyboardInterrupt(), 130, "interrupted", "error: interrupted"),
+    ],
+)
+def test_a_failed_run_keeps_what_it_has(tum_folder, tmp_path, monkeypatch, capsys, error, code, end, line):
+    monkeypatch.setattr(dso, "DirectOdometry", failing_at(30, error))
+    assert main(["run", str(tum_folder), "--out", str(tmp_path / "out")]) == code
+    summary = summary_of(tmp_path / "out")
+    assert summary["end"] == end
+    assert summary["frames"] == 29
+    assert len(read_tum(tmp_path / "out" / "camera.tum")) == summary["tracked"] > 0
+    (complaint,) = capsys.readouterr().err.splitlines()
+    assert complaint.startswith(line)
+
+
+def test_a_bag_that_is_damaged_further_on_keeps_what_came_before(tum_folder, tmp_path, monkeypatch, capsys):
+    """Reading fails as it does for a bag whose later chunk is broken: the input is to blame, not the run."""
+    whole = TumFolderRecording.images
+
+    def damaged(recording):
+        for index, image in enumerate(whole(recording)):
+            if index == 30:
+                raise InputError("tour.bag: the chunk at 12345 is damaged")
+            yield image
+
+    monkeypatch.setattr(TumFolderRecording, "images", damaged)
+    assert main(["run", str(tum_folder), "--out", str(tmp_path / "out")]) == 2
+    assert summary_of(tmp_path / "out")["frames"] == 30
+    assert capsys.readouterr().err == "error: tour.bag: the chunk at 12345 is damaged\n"
