@@ -6,12 +6,12 @@ import sys
 from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
-from ceiling_dso_ros.cli import evaluate, run
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.cli import evaluate, run, simulate
+from ceiling_dso_ros.io.errors import InputError, OutputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-COMMANDS = (run, evaluate)
+COMMANDS = (run, evaluate, simulate)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,6 +43,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         return _complain("interrupted", INTERRUPTED)
     except InputError as error:
         return _complain(str(error), WRONG_INPUT)
+    except OutputError as error:
+        return _complain(str(error), FAILED)
     except Exception as error:  # the last resort: one line instead of a trace
         if sys.flags.dev_mode:
             raise
