@@ -125,7 +125,8 @@ class BundleAdjustment:
         live = residuals.live[:, :count]
         live &= residuals.state[:, :count] == INLIER
         residuals.state[:, :count][(live == 0) & (residuals.state[:, :count] == INLIER)] = NONE
-        window.points.arrays.good_residuals[:count] += live[window.newest]
+        good = window.points.arrays.good_residuals[:count]
+        good += np.where(good == 0, live.sum(axis=0, dtype=np.int64), live[window.newest])
 
 
 def marginalize_keyframe(window: KeyframeWindow, slot: int, affine_information: np.ndarray) -> None:

@@ -122,7 +122,8 @@ class Initializer:
             weight = self._config.depth_coupling if self._snapped else self._config.flat_coupling
             T, light, self.rmse, self.in_view = align_level(
                 level.points, level.residuals, level.count, self._pool.level(image_slot, index), width, height,
-                level_intrinsics(self._intrinsics, index), T, light, np.array([1e12, 1e12]), level.target, weight,
+                level_intrinsics(self._intrinsics, index), T, light, np.array([1e12, 1e12]),
+                0.0 if self._snapped else self._config.flat_coupling, level.target, weight,
                 OUTLIER_ENERGY, ITERATIONS[index], self._scratch,
             )  # fmt: skip
             self._smooth(level)

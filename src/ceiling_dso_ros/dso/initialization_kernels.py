@@ -94,7 +94,8 @@ def step_idepths(
 def align_level(
     points: PointArrays, residuals: ResidualArrays, count: int, image: np.ndarray, width: int, height: int,
     intrinsics: np.ndarray, T_frame_first: np.ndarray, brightness: np.ndarray, brightness_information: np.ndarray,
-    target: np.ndarray, weight: float, threshold: float, max_iterations: int, scratch: Scratch,
+    translation_information: float, target: np.ndarray, weight: float, threshold: float, max_iterations: int,
+    scratch: Scratch,
 ) -> tuple:  # fmt: skip
     """Levenberg-Marquardt for pose, brightness and inverse depths of one level.
 
@@ -103,6 +104,7 @@ def align_level(
         residuals: one target, the new frame.
         T_frame_first, brightness: start; brightness is (ln gain, offset) from the first frame to the new one.
         brightness_information: (2,) information per point that pulls brightness to its start.
+        translation_information: per point, pulls the translation to zero.
         target, weight: every inverse depth is pulled to target[i] with this information.
         threshold: energy above which a residual is an outlier.
 
@@ -115,6 +117,8 @@ def align_level(
         points, residuals, count, image, width, height, intrinsics, T, light, threshold, scratch, system
     )
     total = energy + regularization_energy(points, count, target, weight)
+    pull = translation_information * count
+    total += pull * (T[:3, 3] * T[:3, 3]).sum()
     damping = 0.1
     H, b = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
     for _ in range(max_iterations):
@@ -137,6 +141,9 @@ def align_level(
         for k in range(2):
             H[6 + k, 6 + k] += brightness_information[k] * in_view
             b[6 + k] += brightness_information[k] * in_view * (light[k] - light0[k])
+        for k in range(3):
+            H[k, k] += pull
+            b[k] += pull * T[k, 3]
         step = -solve_positive(H, b)
         old_idepth = points.idepth[:count].copy()
         old_hessian, old_gradient = points.idepth_hessian[:count].copy(), points.idepth_gradient[:count].copy()
@@ -148,6 +155,7 @@ def align_level(
             trial_system,
         )  # fmt: skip
         trial_total = trial_energy + regularization_energy(points, count, target, weight)
+        trial_total += pull * (trial_T[:3, 3] * trial_T[:3, 3]).sum()
         small = (step * step).sum() < 1e-8
         if trial_in_view >= 20 and trial_total / trial_in_view < total / in_view:
             T, light, energy, total, in_view = trial_T, trial_light, trial_energy, trial_total, trial_in_view

@@ -121,6 +121,7 @@ class FrameTracker:
             errors.append(rmse)
             if not np.isfinite(rmse) or rmse > limits[level]:
                 return None
+        T = se3.orthonormalized(T)  # the next hypotheses are products of it: rounding would grow with every frame
         if abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
             return None
         finest = reference.levels[0]
