@@ -9,6 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.io.bag_writer import BagWriter
+from ceiling_dso_ros.io.recording import open_recording
+
 ROOT = Path(__file__).parents[2]
 WIDTH, HEIGHT, COUNT = 192, 144, 40
 START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
@@ -45,6 +48,28 @@ def tum_folder(tmp_path):
     lens = f"Pinhole {FOCAL_PX} {FOCAL_PX} {WIDTH / 2 - 0.5} {HEIGHT / 2 - 0.5} 0"
     (folder / "camera.txt").write_text(f"{lens}\n{size}\nnone\n{size}\n")
     return folder
+
+
+@pytest.fixture
+def bag_of(tmp_path):
+    """Rewrite the recording of a folder as a ROS 1 bag."""
+
+    def write(folder, image_topic="/camera/up/image_raw", info_topic="/camera/up/camera_info"):
+        recording = open_recording(folder)
+        lens = recording.calibration.lens
+        K = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
+        path = tmp_path / f"{recording.name}.bag"
+        with BagWriter(path) as bag:
+            for listed in recording.images():
+                if info_topic is not None:
+                    bag.camera_info(info_topic, listed.stamp_ns, "camera", (lens.width, lens.height), K)
+                if listed.exposure_ms is not None:
+                    exposure_topic = image_topic.rpartition("/")[0] + "/exposure"
+                    bag.exposure(exposure_topic, listed.stamp_ns, "camera", listed.exposure_ms)
+                bag.image(image_topic, listed.stamp_ns, "camera", listed.decode())
+        return path
+
+    return write
 
 
 @pytest.fixture

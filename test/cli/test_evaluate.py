@@ -33,14 +33,12 @@ def run_folder(tmp_path):
     return folder
 
 
-def evaluate(folder, *arguments, reference=None):
-    words = ["evaluate", str(folder), "--reference", str(reference or folder.parent / "reference.tum"), *arguments]
-    return subprocess.run(
-        [sys.executable, "-m", "ceiling_dso_ros", *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-        capture_output=True,
-        text=True,
-    )
+@pytest.fixture
+def evaluate(command):
+    def run(folder, *arguments, reference=None):
+        return command("evaluate", folder, "--reference", reference or folder.parent / "reference.tum", *arguments)
+
+    return run
 
 
 def assert_refused(result, *texts):
@@ -51,7 +49,7 @@ def assert_refused(result, *texts):
         assert text in result.stderr
 
 
-def test_writes_numbers_and_figures_and_prints_a_table(run_folder):
+def test_writes_numbers_and_figures_and_prints_a_table(run_folder, evaluate):
     result = evaluate(run_folder)
     assert (result.returncode, result.stderr) == (0, "")
     assert {"trajectory.png", "trajectory.svg", "error.png", "error.svg", "evaluation.json"} <= {
@@ -78,59 +76,59 @@ def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_fol
     assert set(alignments("--align", "se3").values()) == {"se3"}
 
 
-def test_running_twice_gives_the_same_bytes(run_folder):
+def test_running_twice_gives_the_same_bytes(run_folder, evaluate):
     assert evaluate(run_folder).returncode == 0
     first = {path.name: path.read_bytes() for path in run_folder.iterdir()}
     assert evaluate(run_folder).returncode == 0
     assert {path.name: path.read_bytes() for path in run_folder.iterdir()} == first
 
 
-def test_missing_reference(run_folder):
+def test_missing_reference(run_folder, evaluate):
     assert_refused(evaluate(run_folder, reference=run_folder / "gt.tum"), "gt.tum", "No such file")
 
 
-def test_missing_folder(run_folder):
+def test_missing_folder(run_folder, evaluate):
     assert_refused(evaluate(run_folder / "nowhere", reference=run_folder.parent / "reference.tum"), "nowhere")
 
 
-def test_folder_without_trajectories(run_folder):
+def test_folder_without_trajectories(run_folder, evaluate):
     for path in run_folder.iterdir():
         path.unlink()
     assert_refused(evaluate(run_folder), str(run_folder), "camera.tum")
 
 
-def test_trajectory_without_poses(run_folder):
+def test_trajectory_without_poses(run_folder, evaluate):
     (run_folder / "camera.tum").write_text("")
     assert_refused(evaluate(run_folder), "camera.tum", "no poses")
 
 
-def test_trajectory_with_a_broken_line(run_folder):
+def test_trajectory_with_a_broken_line(run_folder, evaluate):
     with (run_folder / "camera.tum").open("a") as file:
         file.write("100.0 1 2 3\n")
     assert_refused(evaluate(run_folder), "camera.tum, line 101")
 
 
-def test_no_overlap_in_time(run_folder):
+def test_no_overlap_in_time(run_folder, evaluate):
     write_tum(run_folder / "camera.tum", drive(shift_s=1000.0))
     assert_refused(evaluate(run_folder), "camera.tum", "1050.000 to 1059.900 s", "50.000 to 59.900 s")
 
 
-def test_fewer_than_three_pairs(run_folder):
+def test_fewer_than_three_pairs(run_folder, evaluate):
     lines = (run_folder / "camera.tum").read_text().splitlines(keepends=True)
     (run_folder / "camera.tum").write_text("".join(lines[:2]))
     assert_refused(evaluate(run_folder), "camera.tum", "2 pairs")
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "soon"])
-def test_wrong_max_difference(run_folder, value):
+def test_wrong_max_difference(run_folder, value, evaluate):
     assert_refused(evaluate(run_folder, f"--max-difference={value}"), "--max-difference", value)
 
 
-def test_wrong_alignment(run_folder):
+def test_wrong_alignment(run_folder, evaluate):
     assert_refused(evaluate(run_folder, "--align", "best"), "--align", "best")
 
 
-def test_unwritable_folder(run_folder):
+def test_unwritable_folder(run_folder, evaluate):
     (run_folder / "evaluation.json").mkdir()
     assert_refused(evaluate(run_folder), str(run_folder), "Is a directory")
 

@@ -16,10 +16,7 @@ import pytest
 from ceiling_dso_ros import dso
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.cli.settings import load_settings
-from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.recording import open_recording
-from ceiling_dso_ros.io.stamps import parse_stamp_ns
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
 
@@ -38,23 +35,6 @@ def edit(path, line, text):
     lines = path.read_text().splitlines()
     lines[line - 1] = text
     path.write_text("\n".join(lines) + "\n")
-
-
-def bag_of(tum_folder, image_topic=IMAGE, info_topic="/camera/up/camera_info"):
-    """The folder's recording as a ROS 1 bag."""
-    lens = open_recording(tum_folder).calibration.lens
-    K = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
-    path = tum_folder.with_suffix(".bag")
-    with BagWriter(path) as bag:
-        for line in (tum_folder / "times.txt").read_text().splitlines():
-            image_id, stamp, exposure_ms = line.split()
-            stamp_ns = parse_stamp_ns(stamp)
-            image = cv2.imread(str(tum_folder / "images" / f"{image_id}.png"), cv2.IMREAD_GRAYSCALE)
-            if info_topic:
-                bag.camera_info(info_topic, stamp_ns, "camera", (lens.width, lens.height), K)
-            bag.exposure(image_topic.rpartition("/")[0] + "/exposure", stamp_ns, "camera", float(exposure_ms))
-            bag.image(image_topic, stamp_ns, "camera", image)
-    return path
 
 
 def assert_refused(result, *texts):
@@ -94,7 +74,7 @@ def test_writes_all_files_and_they_agree(tum_folder, command, tmp_path):
         assert float(row["total_ms"]) >= sum(stages_ms) * 0.5
 
 
-def test_running_twice_and_from_a_bag_gives_the_same_bytes(tum_folder, command, tmp_path):
+def test_running_twice_and_from_a_bag_gives_the_same_bytes(tum_folder, bag_of, command, tmp_path):
     outputs = []
     for number, recording in enumerate((tum_folder, tum_folder, bag_of(tum_folder))):
         out = tmp_path / f"run{number}"
@@ -104,8 +84,8 @@ def test_running_twice_and_from_a_bag_gives_the_same_bytes(tum_folder, command, 
     assert outputs[0] == outputs[1] == outputs[2]
 
 
-def test_other_topics_of_a_bag(tum_folder, command, tmp_path):
-    bag = bag_of(tum_folder, "/cam/mono", "/calibration")
+def test_other_topics_of_a_bag(tum_folder, bag_of, command, tmp_path):
+    bag = bag_of(tum_folder, image_topic="/cam/mono", info_topic="/calibration")
     topics = ("--image-topic", "/cam/mono", "--camera-info-topic", "/calibration")
     assert command("run", bag, "--out", tmp_path / "out", *topics).returncode == 0
     assert summary_of(tmp_path / "out")["tracked"] > FRAMES / 2
@@ -161,14 +141,14 @@ def test_unreadable_bag(command, tmp_path):
     assert_refused(command("run", tmp_path / "broken.bag", "--out", tmp_path / "out"), "broken.bag")
 
 
-def test_topic_that_is_not_in_the_bag(tum_folder, command, tmp_path):
+def test_topic_that_is_not_in_the_bag(tum_folder, bag_of, command, tmp_path):
     bag = bag_of(tum_folder)
     assert_refused(
         command("run", bag, "--out", tmp_path / "out", "--image-topic", "/front"), "tour.bag", "/front", IMAGE
     )
 
 
-def test_bag_without_camera_info_needs_a_camera_file(tum_folder, command, tmp_path):
+def test_bag_without_camera_info_needs_a_camera_file(tum_folder, bag_of, command, tmp_path):
     bag = bag_of(tum_folder, info_topic=None)
     out = ("--out", tmp_path / "out")
     assert_refused(command("run", bag, *out), "tour.bag", "/camera/up/camera_info")
