@@ -50,15 +50,15 @@ def tum_folder(tmp_path):
     return folder
 
 
-@pytest.fixture
-def bag_of(tmp_path):
+@pytest.fixture(scope="session")
+def bag_of(tmp_path_factory):
     """Rewrite the recording of a folder as a ROS 1 bag."""
 
     def write(folder, image_topic="/camera/up/image_raw", info_topic="/camera/up/camera_info"):
         recording = open_recording(folder)
         lens = recording.calibration.lens
         K = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
-        path = tmp_path / f"{recording.name}.bag"
+        path = tmp_path_factory.mktemp("bag") / f"{recording.name}.bag"
         with BagWriter(path) as bag:
             for listed in recording.images():
                 if info_topic is not None:
@@ -72,7 +72,7 @@ def bag_of(tmp_path):
     return write
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def command():
     """Run `python3 -m ceiling_dso_ros WORDS` in a process of its own."""
 
