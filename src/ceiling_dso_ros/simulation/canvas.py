@@ -31,12 +31,12 @@ class Canvas:
     def noise(self, wavelength_m: Tuple[float, float], amplitude: float) -> None:
         """Multiply by 1 + amplitude x smooth noise of unit variance that varies over wavelength_m along u and v."""
         rng = np.random.default_rng(self._seeds.spawn(1)[0])
-        if min(wavelength_m) < self.texel_m:
+        if min(wavelength_m) < 3.0 * self.texel_m:
             return  # would be filtered away
         nodes, scale = [], []
         for wave, side in zip(wavelength_m[::-1], self.size_m[::-1]):
             varies = wave < 1.5 * side
-            nodes.append(int(side / wave) + 3 if varies else 1)
+            nodes.append(int(side / wave) + 2 if varies else 1)
             scale.append(wave / self.texel_m if varies else 1.0)
         lattice = rng.standard_normal(nodes, dtype=np.float32)
         smooth = cv2.resize(lattice, None, fx=scale[1], fy=scale[0], interpolation=cv2.INTER_CUBIC)

@@ -4,8 +4,10 @@ A robot on a floor sees every part of a ceiling from the same height, so one tex
 pixel covers there, and one low-pass filter suit all frames: the same point has the same grey in all of them.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from itertools import groupby
+from typing import List, NamedTuple, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -15,9 +17,10 @@ from ceiling_dso_ros.simulation.lighting import Source, floor_sources, irradianc
 from ceiling_dso_ros.simulation.render_kernels import Mesh, Textures
 
 CAMERA_HEIGHT_M = 0.62
-TEXELS_PER_PIXEL = 2.0
-LOW_PASS_PX = 0.6
+TEXELS_PER_PIXEL = 1.6
+LOW_PASS_PX = 0.7
 LIGHT_GRID_M = 0.08
+PAINTERS = 2  # threads
 TEXEL_LEVELS = 8192  # texel value of radiance 1, the sensor's saturation at the reference exposure
 
 
@@ -98,22 +101,23 @@ def _light_grid(surface: Surface) -> Tuple[np.ndarray, np.ndarray]:
 
 def _bake(surfaces: Sequence[Surface], lights: Sequence[np.ndarray], focal_px: float, seed: int) -> Textures:
     """Paint every sheet once and cut the surfaces out of it, lit."""
-    painted: Dict[Sheet, Tuple[np.ndarray, float]] = {}
-    parts: List[np.ndarray] = []
-    texel_m = np.empty(len(surfaces))
-    for i, (surface, light) in enumerate(zip(surfaces, lights)):
-        sheet = surface.sheet
-        if sheet not in painted:
-            painted[sheet] = _paint(sheet, _pixel_on(surface, focal_px), (seed, 2, len(painted)))
-        canvas, texel_m[i] = painted[sheet]
-        parts.append(_cut(canvas, surface, texel_m[i], light))
-    sizes = [part.size for part in parts]
+    sheets = [list(group) for _, group in groupby(zip(surfaces, lights), key=lambda pair: id(pair[0].sheet))]
+
+    def paint(number: int) -> List[Tuple[np.ndarray, float]]:
+        first = sheets[number][0][0]
+        canvas, texel_m = _paint(first.sheet, _pixel_on(first, focal_px), (seed, 2, number))
+        return [(_cut(canvas, surface, texel_m, light), texel_m) for surface, light in sheets[number]]
+
+    with ThreadPoolExecutor(PAINTERS) as executor:
+        painted = [texture for textures in executor.map(paint, range(len(sheets))) for texture in textures]
+    textures, texel_m = zip(*painted)
+    axes = np.array([[surface.axis_u, surface.axis_v] for surface in surfaces])
     return Textures(
-        texels=np.concatenate([part.reshape(-1) for part in parts]),
-        starts=np.cumsum([0, *sizes[:-1]]).astype(np.int64),
-        shapes=np.array([part.shape for part in parts], dtype=np.int32),
+        texels=np.concatenate([texture.reshape(-1) for texture in textures]),
+        starts=np.cumsum([0, *(texture.size for texture in textures[:-1])]).astype(np.int64),
+        shapes=np.array([texture.shape for texture in textures], dtype=np.int32),
         origins=np.array([surface.origin for surface in surfaces]),
-        axes=np.array([[s.axis_u, s.axis_v] for s in surfaces]) / texel_m[:, None, None],
+        axes=axes / np.array(texel_m)[:, None, None],
     )
 
 
@@ -146,14 +150,9 @@ def _interpolated(
     light: np.ndarray, extent_m: Tuple[float, float], texel_m: float, shape: Tuple[int, int]
 ) -> np.ndarray:
     """Light at every texel from that at the nodes, bilinear."""
-    along, across = (
-        _hat_functions(nodes, extent, texel_m, count)
-        for nodes, extent, count in zip(light.shape, extent_m[::-1], shape)
+    across, along = ((nodes - 1) * texel_m / extent for nodes, extent in zip(light.shape[::-1], extent_m))
+    nodes_of_texels = np.array([[across, 0.0, 0.0], [0.0, along, 0.0]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(
+        light.astype(np.float32), nodes_of_texels, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE
     )
-    return along @ light.astype(np.float32) @ across.T
-
-
-def _hat_functions(nodes: int, extent: float, texel_m: float, count: int) -> np.ndarray:
-    """(count, nodes) weights that interpolate linearly between nodes spread over extent."""
-    position = np.minimum(np.arange(count) * texel_m / extent * (nodes - 1), nodes - 1)
-    return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(nodes)[None, :])).astype(np.float32)

@@ -192,12 +192,37 @@ def rack(start: Point, end: Point, depth: float, levels: Sequence[float], rng: n
     return surfaces
 
 
+def room_walls(length: float, width: float, height: float, material: Material) -> Surfaces:
+    """Four walls around the origin."""
+    return [wall(a, b, height, material) for a, b in _outline(length, width)]
+
+
 def wall(start: Point, end: Point, height: float, material: Material) -> Surface:
-    """Upright wall that is seen from the left of start -> end."""
+    """Upright wall that is seen from the left of start -> end, points x, y."""
     a, b = np.array([*start[:2], 0.0]), np.array([*end[:2], 0.0])
     return quad(b, a - b, (0.0, 0.0, height), material)
+
+
+def floor(length: float, width: float) -> Surface:
+    """Concrete floor around the origin."""
+    return quad((-length / 2, -width / 2, 0.0), (length, 0.0, 0.0), (0.0, width, 0.0), materials.FLOOR)
 
 
 def downward(corners_xy: Sequence[Sequence[float]], z: float, material: Material) -> Surface:
     """Level ceiling over the counter-clockwise corners (x, y)."""
     return polygon([(x, y, z) for x, y in corners_xy][::-1], material)
+
+
+def room_plan(length: float, width: float, boxes: Sequence[Sequence[float]] = ()) -> np.ndarray:
+    """Segments (n, 2, 2) in x, y that a laser scanner sees: walls, and boxes (center x, center y, half x, half y)."""
+    segments = [np.array(_outline(length, width))]
+    for x, y, half_x, half_y in boxes:
+        segments.append(np.array(_outline(2 * half_x, 2 * half_y)) + (x, y))
+    return np.concatenate(segments)
+
+
+def _outline(length: float, width: float) -> List[Sequence[Sequence[float]]]:
+    """Sides of a rectangle around the origin, counter-clockwise: pairs of corners (x, y)."""
+    a, b = length / 2, width / 2
+    corners = [(-a, -b), (a, -b), (a, b), (-a, b)]
+    return list(zip(corners, [*corners[1:], corners[0]]))

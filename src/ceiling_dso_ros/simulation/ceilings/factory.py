@@ -175,6 +175,6 @@ def _walls() -> List[Surface]:
 
 
 def _floor_plan() -> np.ndarray:
-    a, b = LENGTH / 2, WIDTH / 2
-    outline = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
-    return np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
+    columns = [(x, y, 0.1, 0.1) for x in FRAMES_X for y in (-7.4, 7.4)]
+    racks = [(-3.0, 6.9, 6.0, 0.45), (9.9, -2.0, 0.45, 4.0)]
+    return structures.room_plan(LENGTH, WIDTH, columns + racks)
