@@ -211,7 +211,15 @@ class VisualSimulator:
         T_world = (keyframes[-1].T_world_camera if is_keyframe else self.window[-1][3]) @ T_relative
         self.statuses.append(
             OdometryStatus(
-                stamp, TrackingState.TRACKING, self.segment, T_world, np.eye(6) * 1e-8, is_keyframe, key, T_relative, keyframes
+                stamp,
+                TrackingState.TRACKING,
+                self.segment,
+                T_world,
+                np.eye(6) * 1e-8,
+                is_keyframe,
+                key,
+                T_relative,
+                keyframes,
             )
         )
         return is_keyframe

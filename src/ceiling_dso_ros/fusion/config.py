@@ -156,7 +156,7 @@ class SlipConfig:
 class OutputConfig:
     """How corrections reach the published pose."""
 
-    blend_s: float = 0.2  # time constant with which a correction is worked in
+    blend_s: float = 0.1  # time constant with which a correction is worked in
     max_correction_m: float = 0.005  # largest correction of one output
     max_correction_rad: float = 0.01
     acceleration_m_s2: float = 2.0  # of the robot, for the filter of the twist

@@ -17,7 +17,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
-ANCHOR_SIGMA = 1e-5  # metres and rad: the first pose is where odom is
+ANCHOR_SIGMA = 1e-5  # metres and rad: odom is where the first wheel sample was taken
 FIRST_HEIGHT_M = 4.0  # of a ceiling that nobody told, with a sigma of 1: 1.5 to 11 m
 FIRST_HEIGHT_SIGMA = 1.0
 MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
@@ -84,10 +84,10 @@ class FactorBuilder:
             gtsam.noiseModel.mEstimator.Huber.Create(visual.robust_threshold), gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         )
 
-    def first_factors(self, pose: np.ndarray) -> List[gtsam.NonlinearFactor]:
+    def first_factors(self) -> List[gtsam.NonlinearFactor]:
         """The one absolute anchor, and the priors of the constants if they are estimated."""
         anchor = gtsam.noiseModel.Isotropic.Sigma(3, ANCHOR_SIGMA)
-        result = [gtsam.PriorFactorPose2(factors.pose_key(0), gtsam.Pose2(*pose), anchor)]
+        result = [gtsam.PriorFactorPose2(factors.pose_key(0), gtsam.Pose2(), anchor)]
         if self._estimate_wheels:
             wheels = self._config.wheels
             sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.array([wheels.ratio_sigma, wheels.base_sigma]))
@@ -96,10 +96,10 @@ class FactorBuilder:
             result.append(gtsam.PriorFactorDouble(factors.CAMERA_YAW_KEY, 0.0, yaw))
         return result
 
-    def first_values(self, pose: np.ndarray) -> gtsam.Values:
+    def first_values(self) -> gtsam.Values:
         """Values of the variables of `first_factors`."""
         values = gtsam.Values()
-        values.insert(factors.pose_key(0), gtsam.Pose2(*pose))
+        values.insert(factors.pose_key(0), gtsam.Pose2())
         if self._estimate_wheels:
             values.insert_vector(factors.WHEEL_KEY, np.zeros(2))
             values.insert(factors.CAMERA_YAW_KEY, 0.0)
@@ -141,22 +141,26 @@ class FactorBuilder:
 
 
 class WindowGraph:
-    """The live estimate over the newest keyframes; its cost does not grow with the way."""
+    """The live estimate over the newest keyframes; its cost does not grow with the way.
 
-    def __init__(self, config: FusionConfig, noise: WheelNoise, stamp_s: float, pose: np.ndarray) -> None:
+    Attributes:
+        history: the intervals that have left the window; None unless they are to be kept.
+    """
+
+    def __init__(self, config: FusionConfig, noise: WheelNoise, keep_history: bool = False) -> None:
         self._builder = FactorBuilder(config, noise)
         self._window = config.graph.window
         self._constants_covariance = noise.constants_covariance(with_radius=False)[1:, 1:]
         self._estimate_wheels = config.graph.estimate_wheels
-        self._prior = self._builder.first_factors(pose)
-        self._values = self._builder.first_values(pose)
+        self._prior = self._builder.first_factors()
+        self._values = self._builder.first_values()
         self._intervals: Deque[Interval] = deque()
         self._factors: Dict[int, List[gtsam.NonlinearFactor]] = {}
         self._parameters = gtsam.LevenbergMarquardtParams()
         self._parameters.setMaxIterations(MAX_ITERATIONS)
         self._parameters.setRelativeErrorTol(COST_TOLERANCE)
         self._parameters.setAbsoluteErrorTol(COST_TOLERANCE)
-        self.retired: List[Interval] = []
+        self.history: Optional[List[Interval]] = [] if keep_history else None
 
     @property
     def intervals(self) -> Sequence[Interval]:
@@ -235,7 +239,8 @@ class WindowGraph:
         ]
         for key in oldest:
             self._values.erase(key)
-        self.retired.append(interval)
+        if self.history is not None:
+            self.history.append(interval)
 
 
 @dataclass(frozen=True)
@@ -247,23 +252,20 @@ class SmoothedNode:
     log_scale: float
 
 
-def smooth(
-    intervals: Sequence[Interval], config: FusionConfig, noise: WheelNoise, pose: np.ndarray
-) -> List[SmoothedNode]:
+def smooth(intervals: Sequence[Interval], config: FusionConfig, noise: WheelNoise) -> List[SmoothedNode]:
     """Solve the graph of a whole recording.
 
     Args:
         intervals: all of them, from the anchor on.
         config: the settings of the live estimate.
         noise: error model of the wheels.
-        pose: (3,) of the anchor.
     """
     builder = FactorBuilder(config, noise)
     graph = gtsam.NonlinearFactorGraph()
-    values = builder.first_values(pose)
-    for factor in builder.first_factors(pose):
+    values = builder.first_values()
+    for factor in builder.first_factors():
         graph.push_back(factor)
-    guess, log_scale = gtsam.Pose2(*pose), builder.first_log_scale()
+    guess, log_scale = gtsam.Pose2(), builder.first_log_scale()
     for interval in intervals:
         guess = guess.compose(gtsam.Pose2(*interval.wheels.pose))
         values.insert(factors.pose_key(interval.end), guess)

@@ -8,6 +8,7 @@ import numpy as np
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import VisualConfig
 
+
 @dataclass(frozen=True)
 class VisualMotion:
     """Motion of the camera between two images, expressed in base_link at the first.

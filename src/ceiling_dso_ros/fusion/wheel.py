@@ -85,8 +85,8 @@ class WheelNoise:
         var_forward = 0.25 * (var_left + var_right)
         covariance = np.diag([var_forward, 0.25 * var_forward + k2 * abs(left), var_forward / half_base**2])
         covariance[0, 2] = covariance[2, 0] = 0.25 * (var_right - var_left) / half_base
-        if not step.known:
-            sigma_m = self.config.max_speed_m_s * (step.end_s - step.start_s) / 3.0
+        if not step.known:  # any speed a robot may have, changing about every second
+            sigma_m = self.config.max_speed_m_s / 3.0 * math.sqrt(step.end_s - step.start_s)
             covariance += np.diag([sigma_m, 0.1 * sigma_m, sigma_m / half_base]) ** 2
         return covariance
 

@@ -31,9 +31,9 @@ class WheelTrack:
         return self._steps[-1].end_s
 
     @property
-    def start_s(self) -> float:
-        """The oldest stamp from which steps are remembered."""
-        return self._steps[0].start_s
+    def newest(self) -> WheelStep:
+        """The newest step."""
+        return self._steps[-1]
 
     def add(self, step: WheelStep) -> None:
         """Append the newest step."""

@@ -1,0 +1,153 @@
+"""From keyframes to the graph: pairs them with the wheels' motion, judges who is wrong, keeps the scale."""
+
+import math
+from dataclasses import replace
+from typing import List, Optional, Sequence
+
+import numpy as np
+
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, SmoothedNode, WindowGraph, smooth
+from ceiling_dso_ros.fusion.keyframes import KeyframeChain
+from ceiling_dso_ros.fusion.slip import SlipMonitor
+from ceiling_dso_ros.fusion.state import ScaleState
+from ceiling_dso_ros.fusion.visual import VisualMotion
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+from ceiling_dso_ros.fusion.wheel_track import WheelTrack
+
+
+class KeyframeBackend:
+    """Feeds the graph with keyframes.
+
+    Attributes:
+        estimate: the newest keyframe as the graph sees it; None before the first.
+        scale_known: the scale of the newest segment is known now.
+        scale_was_known: it has been known at any time.
+        jump_s: when the last jump of the visual scale was noticed, on the wheels' clock.
+        off_floor: the newest step of the camera was no motion on a floor and was not used.
+        monitor: the slips.
+    """
+
+    def __init__(self, robot: RobotModel, config: FusionConfig, noise: WheelNoise, keep_history: bool) -> None:
+        self._T_base_camera = robot.T_base_camera
+        self._config = config
+        self._noise = noise
+        self._graph = WindowGraph(config, noise, keep_history)
+        self._chain = KeyframeChain()
+        self.monitor = SlipMonitor(config, noise)
+        self.estimate: Optional[GraphEstimate] = None
+        self.scale_known = False
+        self.scale_was_known = False
+        self.jump_s = -math.inf
+        self.off_floor = False
+
+    @property
+    def segment(self) -> int:
+        """Segment of the newest keyframe in the graph, -1 before the first."""
+        return self._chain.segment
+
+    @property
+    def scale(self) -> ScaleState:
+        """The scale of the newest segment, the mean wheel radius's error included."""
+        if self.estimate is None:
+            return ScaleState(math.nan, math.nan, False, -1)
+        sigma = math.hypot(self.estimate.scale_sigma, self._config.wheels.radius_sigma)
+        return ScaleState(math.exp(self.estimate.log_scale), sigma, self.scale_known, self.segment)
+
+    def refine(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
+        """Take in the window of the visual odometry; returns the keyframes that are new in it."""
+        new = self._chain.update(keyframes)
+        for refined in self._chain.refinements():
+            visual = self._on_floor(refined.T_before_node)
+            if visual is not None:
+                self._graph.revise(refined.node, visual=visual)
+        return new
+
+    def add(self, keyframe: KeyframeEstimate, stamp_s: float, track: WheelTrack) -> bool:
+        """Make a new keyframe a node.
+
+        Args:
+            keyframe: one of those that `refine` has returned, in their order.
+            stamp_s: of its image, on the wheels' clock.
+            track: the wheels, which have been heard of after that.
+
+        Returns:
+            False when the wheels' motion up to it is not known any more, so that it cannot become a node.
+        """
+        wheels = track.since_mark(stamp_s)
+        if wheels is None:
+            return False
+        interval = self._judged(
+            Interval(
+                self._graph.newest + 1, stamp_s, wheels, self._motion_to(keyframe), self._chain.continues(keyframe)
+            )
+        )
+        track.mark(stamp_s)
+        self._graph.add(interval)
+        self._chain.link(interval.end, keyframe)
+        self._mend_jump(interval)
+        self.estimate = self._graph.optimize()
+        self._judge_scale()
+        return True
+
+    def motion_of(self, status: OdometryStatus) -> Optional[VisualMotion]:
+        """Motion of the camera from the newest node to a tracked image; None when they cannot be related."""
+        return self._on_floor(self._chain.from_newest(status.keyframe_id, status.T_keyframe_camera))
+
+    def motion_between(self, before: OdometryStatus, after: OdometryStatus) -> Optional[VisualMotion]:
+        """Motion of the camera between two tracked images; None when they cannot be related."""
+        first = self._chain.from_newest(before.keyframe_id, before.T_keyframe_camera)
+        second = self._chain.from_newest(after.keyframe_id, after.T_keyframe_camera)
+        return None if first is None or second is None else self._on_floor(np.linalg.inv(first) @ second)
+
+    def wheels_contradict(self, wheels: WheelMotion, visual: VisualMotion) -> bool:
+        """Whether the wheels slip between two images of the newest segment."""
+        if self.estimate is None:
+            return False
+        scale = math.exp(self.estimate.log_scale)
+        found = self.monitor.compare(wheels, visual, scale, self.estimate.scale_sigma)
+        return self.monitor.beyond_gate(found, self.scale_known)
+
+    def smoothed(self, origin: np.ndarray) -> List[SmoothedNode]:
+        """All keyframes by the graph of the whole recording, moved by (3,) origin."""
+        nodes = smooth([*self._graph.history, *self._graph.intervals], self._config, self._noise)
+        return [replace(node, pose=planar.compose(origin, node.pose)) for node in nodes]
+
+    def _motion_to(self, keyframe: KeyframeEstimate) -> Optional[VisualMotion]:
+        T = self._chain.motion_to(keyframe)
+        visual = self._on_floor(T)
+        self.off_floor = T is not None and visual is None
+        return visual
+
+    def _on_floor(self, T: Optional[np.ndarray]) -> Optional[VisualMotion]:
+        """The camera's motion as that of the robot; None when there is none or a robot on a floor cannot move so."""
+        visual = None if T is None else VisualMotion.from_camera(T, self._T_base_camera)
+        return visual if visual is not None and visual.on_floor(self._config.visual) else None
+
+    def _judged(self, interval: Interval) -> Interval:
+        """The interval with the wheels believed or not."""
+        if interval.visual is None or self.estimate is None:
+            return interval
+        scale = math.exp(self.estimate.log_scale)
+        found = self.monitor.compare(interval.wheels, interval.visual, scale, self.estimate.scale_sigma)
+        known = self.scale_known and interval.continues
+        return replace(interval, wheels_slip=self.monitor.slips(interval, found, known))
+
+    def _mend_jump(self, newest: Interval) -> None:
+        """After a jump of the visual scale: begin a new scale there, and believe the wheels again."""
+        start = self.monitor.scale_jump()
+        if start is None:
+            return
+        self.jump_s = newest.stamp_s
+        self._graph.revise(start, continues=False)
+        for end in range(start, newest.end + 1):
+            self._graph.revise(end, wheels_slip=False)
+        self.monitor.forget(next(i.wheels.start_s for i in self._graph.intervals if i.end == start))
+
+    def _judge_scale(self) -> None:
+        """Known below one sigma, unknown above another, as before in between."""
+        config, sigma = self._config.scale, self.estimate.scale_sigma
+        self.scale_known = sigma < config.converged_sigma or (self.scale_known and sigma < config.lost_sigma)
+        self.scale_was_known |= self.scale_known

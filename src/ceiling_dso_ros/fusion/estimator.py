@@ -1,0 +1,211 @@
+"""The fusion as a whole: wheel samples, keyframes and tracked images in, metric poses out.
+
+The same class serves the ROS node and the offline run. Wheels and camera need not come in the order of their stamps: an
+image is taken in as soon as the wheels have been heard of after it, a keyframe whenever its optimisation is done.
+"""
+
+import bisect
+import itertools
+import math
+from collections import deque
+from typing import Deque, List, Optional, Tuple, Union
+
+import numpy as np
+
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.backend import KeyframeBackend
+from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.graph import SmoothedNode
+from ceiling_dso_ros.fusion.health import Health
+from ceiling_dso_ros.fusion.output import LiveOutput
+from ceiling_dso_ros.fusion.prediction import CameraMotion, predict_camera_motion
+from ceiling_dso_ros.fusion.relative_filter import Sighting
+from ceiling_dso_ros.fusion.slip import SlipReport
+from ceiling_dso_ros.fusion.state import FusedState, ScaleState
+from ceiling_dso_ros.fusion.visual import VisualMotion
+from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel_track import WheelTrack
+
+SLIP_PERSISTS_S = 0.1  # the wheels are believed again so long after they last contradicted an image
+RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
+
+
+class FusionEstimator:
+    """Fuses the wheels and the visual odometry of one robot.
+
+    Args:
+        robot: its geometry.
+        config: the settings.
+        keep_history: remember every keyframe for `smoothed`; without it the memory does not grow.
+
+    Raises:
+        ConfigError: a setting is out of range.
+    """
+
+    def __init__(self, robot: RobotModel, config: FusionConfig = FusionConfig(), keep_history: bool = False) -> None:
+        config.check()
+        self.robot = robot
+        self.config = config
+        self._keep_history = keep_history
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next wheel sample is the origin of odom."""
+        self.wheels = WheelOdometry(self.robot, self.config.wheels)
+        noise = self.wheels.noise
+        self._track = WheelTrack(noise)
+        self._backend = KeyframeBackend(self.robot, self.config, noise, self._keep_history)
+        self._health = Health(self.config)
+        self._output: Optional[LiveOutput] = None
+        self._origin = np.zeros(3)
+        self._waiting: List[Tuple[float, int, Union[KeyframeEstimate, OdometryStatus]]] = []
+        self._count = itertools.count()
+        self._slipping_until_s = -math.inf
+        self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
+
+    def add_wheel_ticks(self, stamp_s: float, left: int, right: int) -> Optional[FusedState]:
+        """Take in int32 encoder counters; returns the new output, None for the first sample and for one not used."""
+        return self._add_step(self.wheels.add_ticks(stamp_s, left, right))
+
+    def add_wheel_angles(self, stamp_s: float, left_rad: float, right_rad: float) -> Optional[FusedState]:
+        """Take in wheel angles; returns as `add_wheel_ticks`."""
+        return self._add_step(self.wheels.add_angles(stamp_s, left_rad, right_rad))
+
+    def add_wheel_odometry(self, stamp_s: float, pose: np.ndarray) -> Optional[FusedState]:
+        """Take in the (3,) pose x, y, yaw of an odometry that the robot has already; returns as `add_wheel_ticks`."""
+        return self._add_step(self.wheels.add_pose(stamp_s, pose))
+
+    def add_keyframes(self, status: OdometryStatus) -> Optional[FusedState]:
+        """Take in the window of keyframes as refined with a status; returns an output only while the wheels are silent."""
+        for keyframe in self._backend.refine(status.keyframes):
+            self._wait(keyframe)
+        return self._take_in(status)
+
+    def add_frame(self, status: OdometryStatus) -> Optional[FusedState]:
+        """Take in the pose of a tracked image, or that there is none; returns as `add_keyframes`."""
+        self._health.heard_camera(self._on_wheel_clock(status.stamp_s), status)
+        if status.state is TrackingState.TRACKING:
+            self._wait(status)
+        return self._take_in(status)
+
+    def set_pose(self, pose: np.ndarray) -> None:
+        """Let the published pose be (3,) from now on; what follows goes on from there."""
+        now = np.zeros(3) if self._output is None else self._output.pose
+        self._origin = planar.compose(np.asarray(pose, dtype=float), planar.inverse(now))
+
+    @property
+    def scale(self) -> ScaleState:
+        """The scale of the newest keyframe's segment."""
+        return self._backend.scale
+
+    @property
+    def slips(self) -> List[SlipReport]:
+        """When the wheels were not believed."""
+        return self._backend.monitor.reports
+
+    def predict_camera_motion(self, start_s: float, end_s: float) -> Optional[CameraMotion]:
+        """How the camera has moved between two image stamps by the wheels; None before wheels and a first keyframe."""
+        estimate = self._backend.estimate
+        if estimate is None or self._track.empty:
+            return None
+        start_s, end_s = self._on_wheel_clock(start_s), self._on_wheel_clock(end_s)
+        return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, start_s, end_s)
+
+    def smoothed(self) -> List[SmoothedNode]:
+        """All keyframes so far as the graph of the whole recording sees them, in odom; needs keep_history."""
+        return self._backend.smoothed(self._origin)
+
+    def _add_step(self, step: Optional[WheelStep]) -> Optional[FusedState]:
+        if step is None:
+            return None
+        self._health.heard_wheels(step)
+        if not self._track.empty:  # nothing is cut off, unless the wheels were silent and have been bridged
+            step = step.clip(self._track.end_s, step.end_s)
+        return None if step is None else self._advance(step)
+
+    def _advance(self, step: WheelStep) -> FusedState:
+        """One output later: wheels first, then the images that have been waiting for them."""
+        if self._output is None:
+            self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_s)
+        self._track.add(step)
+        step = self._output.predict(step, slipping=step.end_s < self._slipping_until_s)
+        while self._waiting and self._waiting[0][0] <= self._track.end_s:
+            stamp_s, _, item = self._waiting.pop(0)
+            if isinstance(item, KeyframeEstimate):
+                self._use_keyframe(item, stamp_s)
+            else:
+                self._use_frame(item)
+        pose, twist, twist_covariance = self._output.publish(step)
+        state, reasons = self._health.judge(step.end_s, self._backend)
+        return FusedState(
+            step.end_s,
+            planar.compose(self._origin, pose.pose),
+            planar.rotate_covariance(pose.covariance, self._origin[2]),
+            twist,
+            twist_covariance,
+            state,
+            reasons,
+            self.scale,
+        )
+
+    def _on_wheel_clock(self, stamp_s: float) -> float:
+        return stamp_s + self.robot.camera_time_offset_s
+
+    def _wait(self, item: Union[KeyframeEstimate, OdometryStatus]) -> None:
+        """Keep an item of the camera until the wheels have been heard of after it."""
+        bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_s), next(self._count), item))
+
+    def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
+        """While the wheels are silent, go on without them from image to image."""
+        now_s = self._on_wheel_clock(status.stamp_s)
+        if self._track.empty or not self._health.wheels_silent(now_s) or now_s <= self._track.end_s:
+            return None
+        return self._advance(WheelStep(self._track.end_s, now_s, np.zeros(3), known=False))
+
+    def _use_keyframe(self, keyframe: KeyframeEstimate, stamp_s: float) -> None:
+        if not self._backend.add(keyframe, stamp_s, self._track) or not self._backend.scale_was_known:
+            return
+        estimate = self._backend.estimate
+        sightings = [
+            self._sighting(status) for status in self._frames if self._on_wheel_clock(status.stamp_s) > stamp_s
+        ]
+        steps = self._track.steps(estimate.stamp_s, self._track.end_s)
+        self._output.restart(estimate, [*steps, *(sighting for sighting in sightings if sighting is not None)])
+
+    def _use_frame(self, status: OdometryStatus) -> None:
+        self._compare_frames(status)
+        self._frames.append(status)
+        sighting = self._sighting(status)
+        if sighting is not None:
+            self._output.correct(sighting)
+
+    def _compare_frames(self, status: OdometryStatus) -> None:
+        """See from one image to the next whether the wheels slip: sooner than the keyframes do."""
+        before = self._frames[-1] if self._frames else None
+        visual = self._backend.motion_between(before, status) if before and self._backend.scale_known else None
+        if visual is None:
+            return
+        start_s, end_s = self._on_wheel_clock(before.stamp_s), self._on_wheel_clock(status.stamp_s)
+        if self._backend.wheels_contradict(self._track.motion(start_s, end_s), visual):
+            self._slipping_until_s = end_s + SLIP_PERSISTS_S
+        rate = visual.base_motion(self.scale.value)[::2] / (end_s - start_s)
+        sigmas = np.diag(self._sight_covariance(visual))[::2] * 2.0 / (end_s - start_s) ** 2
+        self._output.correct_twist(end_s, rate, np.diag(sigmas))
+
+    def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
+        """(3, 3) covariance of where the camera sees the base, metres and rad."""
+        scale = self.scale.value
+        sigma_m = scale * self.config.visual.translation_sigma
+        covariance = np.diag([sigma_m, sigma_m, self.config.visual.yaw_sigma_rad]) ** 2
+        from_scale = self._backend.estimate.scale_sigma * scale * (planar.rotation(-visual.yaw) @ visual.shift)
+        covariance[:2, :2] += np.outer(from_scale, from_scale)
+        return covariance
+
+    def _sighting(self, status: OdometryStatus) -> Optional[Sighting]:
+        """Where the camera sees the base from the newest keyframe; None unless the scale is known."""
+        visual = self._backend.motion_of(status) if self._backend.scale_known else None
+        if visual is None:
+            return None
+        pose = visual.base_motion(self.scale.value)
+        return Sighting(self._on_wheel_clock(status.stamp_s), pose, self._sight_covariance(visual))

@@ -1,0 +1,75 @@
+"""Which sensor is missing or not believed, and why."""
+
+import math
+from typing import Optional, Tuple
+
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.fusion.backend import KeyframeBackend
+from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.state import FusionState
+from ceiling_dso_ros.fusion.wheel import WheelStep
+
+SHOWN_S = 0.5  # a slip, a jump of the scale, a restarted counter stay in the reasons for so long
+
+
+class Health:
+    """Remembers when each sensor was last heard of and in what condition."""
+
+    def __init__(self, config: FusionConfig) -> None:
+        self._config = config
+        self._wheels_s = -math.inf
+        self._restarted_s = -math.inf
+        self._camera_s = -math.inf
+        self._camera: Optional[OdometryStatus] = None
+
+    def heard_wheels(self, step: WheelStep) -> None:
+        """Take note of a wheel step."""
+        self._wheels_s = step.end_s
+        if not step.known:
+            self._restarted_s = step.end_s
+
+    def heard_camera(self, stamp_s: float, status: OdometryStatus) -> None:
+        """Take note of an image, stamped on the wheels' clock."""
+        self._camera_s = max(stamp_s, self._camera_s)
+        self._camera = status
+
+    def wheels_silent(self, now_s: float) -> bool:
+        """No wheel sample for too long."""
+        return now_s - self._wheels_s > self._config.wheels.silence_s
+
+    def judge(self, now_s: float, backend: KeyframeBackend) -> Tuple[FusionState, Tuple[str, ...]]:
+        """The state at a time, and the reasons why it is not CONVERGED."""
+        reasons = tuple(
+            reason for reason in (self._wheels(now_s, backend), self._eyes(now_s), _scale(now_s, backend)) if reason
+        )
+        if not backend.scale_was_known:
+            return FusionState.NOT_SCALED, reasons
+        return (FusionState.DEGRADED if reasons else FusionState.CONVERGED), reasons
+
+    def _wheels(self, now_s: float, backend: KeyframeBackend) -> str:
+        if self.wheels_silent(now_s):
+            return f"wheels: silent for {now_s - self._wheels_s:.1f} s"
+        if now_s - self._restarted_s < SHOWN_S:
+            return "wheels: counters restarted"
+        reports = backend.monitor.reports
+        return "wheels: slip" if reports and now_s - reports[-1].end_s < SHOWN_S else ""
+
+    def _eyes(self, now_s: float) -> str:
+        if self._camera is None:
+            return "camera: no image yet"
+        if now_s - self._camera_s > self._config.visual.silence_s:
+            return f"camera: silent for {now_s - self._camera_s:.1f} s"
+        if self._camera.state is not TrackingState.TRACKING:
+            detail = f" ({self._camera.message})" if self._camera.message else ""
+            return f"camera: {self._camera.state.value}{detail}"
+        return ""
+
+
+def _scale(now_s: float, backend: KeyframeBackend) -> str:
+    if backend.off_floor:
+        return "camera: moved as a robot on a floor cannot"
+    if now_s - backend.jump_s < SHOWN_S:
+        return "scale: jumped"
+    if backend.scale_known:
+        return ""
+    return f"scale: of segment {backend.segment} not known yet" if backend.scale_was_known else "scale: not known yet"

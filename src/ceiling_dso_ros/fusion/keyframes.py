@@ -1,0 +1,90 @@
+"""Follows the keyframes of the visual odometry and the relative motions between them.
+
+The odometry refines the keyframes of its window with every new one, and all of them together: its window may drift as a
+whole. Two poses belong together only as of the same status. So the motion between two consecutive keyframes is taken
+from the last status that holds both: after that one of them is no longer refined. Motions between consecutive keyframes
+are enough, since they carry all that the chain of poses says, and their errors are nearly independent.
+"""
+
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence
+
+import numpy as np
+
+from ceiling_dso_ros.dso.status import KeyframeEstimate
+
+
+class NodeLink(NamedTuple):
+    """Which keyframe a node of the graph is."""
+
+    node: int
+    keyframe_id: int
+    segment: int
+
+
+class Refinement(NamedTuple):
+    """A refined motion: that of the camera from the keyframe before to the one of a node, (4, 4), VO units."""
+
+    node: int
+    T_before_node: np.ndarray
+
+
+class KeyframeChain:
+    """The keyframes in the odometry's window and the nodes that the graph has made of them."""
+
+    def __init__(self) -> None:
+        self._poses: Dict[int, KeyframeEstimate] = {}
+        self._links: List[NodeLink] = []
+        self._newest_id = -1
+
+    @property
+    def segment(self) -> int:
+        """Segment of the newest node, -1 before the first."""
+        return self._links[-1].segment if self._links else -1
+
+    def update(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
+        """Take in the window as last refined; returns the keyframes that were not known, in their order."""
+        self._poses = {keyframe.keyframe_id: keyframe for keyframe in keyframes}
+        new = sorted((k for k in keyframes if k.keyframe_id > self._newest_id), key=lambda k: k.keyframe_id)
+        if new:
+            self._newest_id = new[-1].keyframe_id
+        self._links = [link for link in self._links[:-1] if link.keyframe_id in self._poses] + self._links[-1:]
+        return new
+
+    def refinements(self) -> Iterator[Refinement]:
+        """The motions between consecutive nodes that the window holds now."""
+        for before, after in zip(self._links, self._links[1:]):
+            if after.node == before.node + 1 and after.segment == before.segment:
+                T = self._relative(before.keyframe_id, after.keyframe_id)
+                if T is not None:
+                    yield Refinement(after.node, T)
+
+    def motion_to(self, keyframe: KeyframeEstimate) -> Optional[np.ndarray]:
+        """T_newest_keyframe (4, 4): motion of the camera from the newest node to a new keyframe; None if not seen."""
+        if not self.continues(keyframe):
+            return None
+        return self._relative(self._links[-1].keyframe_id, keyframe.keyframe_id)
+
+    def continues(self, keyframe: KeyframeEstimate) -> bool:
+        """Whether a new keyframe is of the same segment as the newest node."""
+        return bool(self._links) and self._links[-1].segment == keyframe.segment
+
+    def link(self, node: int, keyframe: KeyframeEstimate) -> None:
+        """Remember which node a keyframe has become."""
+        self._links.append(NodeLink(node, keyframe.keyframe_id, keyframe.segment))
+
+    def from_newest(self, keyframe_id: int, T_keyframe_camera: np.ndarray) -> Optional[np.ndarray]:
+        """T_newest_camera (4, 4) of a camera known relative to any keyframe of the newest node's segment."""
+        if not self._links or keyframe_id not in self._poses:
+            return None
+        newest = self._links[-1]
+        if self._poses[keyframe_id].segment != newest.segment:
+            return None
+        T = self._relative(newest.keyframe_id, keyframe_id)
+        return None if T is None else T @ T_keyframe_camera
+
+    def _relative(self, from_id: int, to_id: int) -> Optional[np.ndarray]:
+        if from_id == to_id:
+            return np.eye(4)
+        if from_id not in self._poses or to_id not in self._poses:
+            return None
+        return np.linalg.inv(self._poses[from_id].T_world_camera) @ self._poses[to_id].T_world_camera

@@ -1,0 +1,165 @@
+"""The published pose and twist: continuous, at the wheels' rate, drawn towards the best estimate.
+
+The best estimate is the graph's newest keyframe and the motion since (`RelativeFilter`). The graph has used all that was
+measured up to that keyframe, so there its estimate replaces the filter's; nothing is gained, and consistency is lost, by
+weighing the two as if they were independent.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Optional, Sequence, Tuple, Union
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import OutputConfig
+from ceiling_dso_ros.fusion.graph import GraphEstimate
+from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
+from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A pose of the base in odom with its (3, 3) covariance."""
+
+    pose: np.ndarray
+    covariance: np.ndarray
+
+
+class BlendedPose:
+    """Follows the motion of the best estimate at once and its corrections gradually.
+
+    A correction is what the best estimate changes beyond its motion. It decays with a time constant and within bounds
+    per output, so that the pose stays continuous, as REP-105 wants `odom`.
+    """
+
+    def __init__(self, config: OutputConfig, pose: np.ndarray) -> None:
+        self._config = config
+        self.pose = np.array(pose)
+
+    def follow(self, motion: np.ndarray, dt: float, target: Estimate) -> Estimate:
+        """Move on by one output.
+
+        Args:
+            motion: (3,) of the base since the last output.
+            dt: seconds since the last output.
+            target: the best estimate now.
+
+        Returns:
+            The pose to publish; its covariance holds what is still missing to the target.
+        """
+        config = self._config
+        self.pose = planar.compose(self.pose, motion)
+        missing = planar.between(self.pose, target.pose)
+        step = (1.0 - math.exp(-dt / config.blend_s)) * missing
+        length = math.hypot(step[0], step[1])
+        if length > config.max_correction_m:
+            step[:2] *= config.max_correction_m / length
+        step[2] = max(-config.max_correction_rad, min(config.max_correction_rad, step[2]))
+        self.pose = planar.compose(self.pose, step)
+        missing = planar.between(self.pose, target.pose)
+        return Estimate(self.pose, target.covariance + np.outer(missing, missing))
+
+
+class TwistFilter:
+    """Kalman filter of forward speed and yaw rate, whose accelerations are white."""
+
+    def __init__(self, config: OutputConfig, noise: WheelNoise) -> None:
+        self._noise = noise
+        self._accelerations = np.array([config.acceleration_m_s2, config.acceleration_rad_s2])
+        self._filter = KalmanFilter(dim_x=2, dim_z=2)
+        self._filter.H = np.eye(2)
+        self._filter.F = np.eye(2)
+        self._filter.P = np.diag(self._accelerations**2)
+        self._stamp_s: Optional[float] = None
+
+    @property
+    def twist(self) -> np.ndarray:
+        """(2,) m/s and rad/s."""
+        return self._filter.x.ravel()
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(2, 2)."""
+        return self._filter.P
+
+    def add_step(self, step: WheelStep) -> None:
+        """Take in the wheels' rate."""
+        dt = step.end_s - step.start_s
+        tick_rate = self._noise.resolution_m / math.sqrt(6.0) / dt
+        resolution = np.diag([tick_rate, 2.0 * tick_rate / self._noise.wheel_base_m]) ** 2
+        covariance = self._noise.white(step)[::2, ::2] / dt**2 + resolution
+        self._update(step.end_s, step.rate[::2], covariance)
+
+    def add_rate(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
+        """Take in (2,) forward speed and yaw rate from another source, with (2, 2) covariance."""
+        self._update(stamp_s, rate, covariance)
+
+    def _update(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
+        if self._stamp_s is not None:
+            dt = max(0.0, stamp_s - self._stamp_s)
+            self._filter.predict(Q=np.diag(self._accelerations * dt) ** 2)
+        self._stamp_s = stamp_s
+        self._filter.update(rate.reshape(2, 1), R=covariance)
+
+
+class LiveOutput:
+    """Pose and twist now, from the newest keyframe on.
+
+    Args:
+        config: of the output.
+        noise: error model of the wheels.
+        stamp_s: of the first wheel sample, which is where the pose is zero.
+    """
+
+    def __init__(self, config: OutputConfig, noise: WheelNoise, stamp_s: float) -> None:
+        self._noise = noise
+        self._keyframe = Estimate(np.zeros(3), np.zeros((3, 3)))
+        self._relative = RelativeFilter(noise)
+        constants = noise.constants_covariance(with_radius=False)[1:, 1:]
+        self._relative.restart(stamp_s, np.zeros(2), constants, [])
+        self._blended = BlendedPose(config, np.zeros(3))
+        self._twist = TwistFilter(config, noise)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(3,) last published."""
+        return self._blended.pose
+
+    def restart(self, estimate: GraphEstimate, events: Sequence[Union[WheelStep, Sighting]]) -> None:
+        """Go on from the graph's newest keyframe; events are the wheel steps and sightings after it."""
+        self._keyframe = Estimate(estimate.pose, estimate.covariance)
+        self._relative.restart(estimate.stamp_s, estimate.constants, estimate.constants_covariance, events)
+
+    def predict(self, step: WheelStep, slipping: bool) -> WheelStep:
+        """Take in the newest wheel step; returns what is believed of it."""
+        if slipping:  # the robot is taken to go on as it did; the images will correct that
+            forward, turn = (step.end_s - step.start_s) * self._twist.twist
+            step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
+        else:
+            self._twist.add_step(step)
+        self._relative.predict(step)
+        return step
+
+    def correct(self, sighting: Sighting) -> None:
+        """Take in a tracked image."""
+        self._relative.correct(sighting)
+
+    def correct_twist(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
+        """Take in (2,) forward speed and yaw rate that the camera saw, with (2, 2) covariance."""
+        self._twist.add_rate(stamp_s, rate, covariance)
+
+    def publish(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
+        """The output after a believed step: pose and (3, 3) covariance in odom, (2,) twist and its (2, 2) covariance."""
+        relative = self._relative.state
+        back = planar.adjoint(planar.inverse(relative.pose))
+        best = Estimate(
+            planar.compose(self._keyframe.pose, relative.pose),
+            back @ self._keyframe.covariance @ back.T + relative.covariance[:3, :3],
+        )
+        blended = self._blended.follow(planar.expmap(step.twist), step.end_s - step.start_s, best)
+        covariance = planar.rotate_covariance(blended.covariance, blended.pose[2])
+        position = blended.pose[:2]  # a wrong mean radius scales the whole way
+        covariance[:2, :2] += self._noise.config.radius_sigma**2 * np.outer(position, position)
+        return Estimate(blended.pose, covariance), self._twist.twist, self._twist.covariance

@@ -1,0 +1,65 @@
+"""How the camera has moved by the wheels: a hypothesis for the tracking of the next image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.graph import GraphEstimate
+from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_track import WheelTrack
+
+WOBBLE_M = 0.001  # of the base on its wheels: up and down
+WOBBLE_RAD = 0.002  # roll and pitch
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """Motion of the camera between two images.
+
+    Attributes:
+        T_start_end: (4, 4) pose of the camera at the later image seen from the earlier, translation in VO units.
+        covariance: (6, 6) of (translation, rotation), left-multiplied on T_start_end.
+    """
+
+    T_start_end: np.ndarray
+    covariance: np.ndarray
+
+
+def predict_camera_motion(
+    track: WheelTrack,
+    noise: WheelNoise,
+    T_base_camera: np.ndarray,
+    estimate: GraphEstimate,
+    start_s: float,
+    end_s: float,
+) -> CameraMotion:
+    """The wheels' motion in the camera's frame and unit; beyond the newest sample the wheels are taken to go on as before.
+
+    Args:
+        track: the wheels.
+        noise: their error model.
+        T_base_camera: (4, 4) of the camera.
+        estimate: scale and constants of the wheels as known now.
+        start_s, end_s: on the wheels' clock.
+    """
+    constants = np.zeros((3, 3))
+    constants[1:, 1:] = estimate.constants_covariance
+    motion = track.motion(start_s, min(end_s, track.end_s))
+    if end_s > motion.end_s:
+        motion = noise.extend(motion, WheelStep(motion.end_s, end_s, track.newest.rate * (end_s - motion.end_s)))
+    shift = motion.jacobian[:, 1:] @ estimate.constants
+    base = planar.lift(planar.compose(motion.pose, shift))
+    own = np.diag([0.0, 0.0, WOBBLE_M, WOBBLE_RAD, WOBBLE_RAD, 0.0]) ** 2
+    in_plane = [0, 1, 5]
+    own[np.ix_(in_plane, in_plane)] = noise.covariance(motion, constants)
+    T = se3.inverse(T_base_camera) @ base @ T_base_camera
+    # right-multiplied in the base -> left-multiplied on T in the camera
+    move = se3.adjoint(np.ascontiguousarray(T @ se3.inverse(T_base_camera)))
+    covariance = move @ own @ move.T
+    to_units = np.diag(np.repeat([np.exp(-estimate.log_scale), 1.0], 3))
+    T[:3, 3] *= np.exp(-estimate.log_scale)
+    covariance = to_units @ covariance @ to_units
+    covariance[:3, :3] += estimate.scale_sigma**2 * np.outer(T[:3, 3], T[:3, 3])
+    return CameraMotion(T, covariance)
