@@ -41,7 +41,7 @@ class Canvas:
         lattice = rng.standard_normal(nodes, dtype=np.float32)
         smooth = cv2.resize(lattice, None, fx=scale[1], fy=scale[0], interpolation=cv2.INTER_CUBIC)
         rows, columns = self.values.shape
-        self.values *= 1.0 + np.float32(1.3 * amplitude) * smooth[:rows, :columns]
+        self.values *= np.maximum(1.0 + np.float32(1.3 * amplitude) * smooth[:rows, :columns], 0.2)
 
     def stripes(self, axis: int, positions_m: np.ndarray, width_m: float, gain: float) -> None:
         """Multiply by gain on straight bands across the whole canvas, at positions_m along u (axis 0) or v (axis 1)."""

@@ -171,8 +171,8 @@ def _cardboard(canvas: Canvas) -> None:
 
 def _cables(canvas: Canvas) -> None:
     """Bundles of cables along u."""
-    canvas.noise((3.0, 0.02), 0.5)
-    canvas.noise((0.8, 0.03), 0.3)
+    canvas.noise((3.0, 0.02), 0.35)
+    canvas.noise((0.8, 0.03), 0.2)
 
 
 def _skylight(canvas: Canvas) -> None:
@@ -219,7 +219,7 @@ CABLES = Material(0.07, _cables)
 BLACK = Material(0.05, _grille)
 WHITE = Material(0.75)
 OUTLET = Material(0.55, _grille)
-FLOOR = Material(0.30, _concrete, coarseness=2.0)
+FLOOR = Material(0.35, _concrete, luminous=True, coarseness=2.0)  # its own light is not computed
 BRASS = Material(0.45)
 LAMP = Material(5.0, luminous=True)
 LOUVRE = Material(2.2, _honeycomb, luminous=True)

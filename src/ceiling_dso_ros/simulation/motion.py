@@ -5,7 +5,7 @@ from typing import Callable, Sequence, Tuple, Union
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 STEP_S = 0.005  # between the nodes of the splines
 STEP_M = 0.005  # between the points of a path
@@ -169,7 +169,7 @@ def _speed_limit(path: Path, limits: DriveLimits) -> np.ndarray:
     """What speed, yaw rate k v and yaw acceleration k' v^2 + k a allow at each point of a path of curvature k."""
     step = path.distance_m[1]
     curvature = np.abs(np.gradient(path.poses[:, 2], step))
-    change = np.abs(np.gradient(np.gradient(path.poses[:, 2], step), step))
+    change = maximum_filter1d(np.abs(np.gradient(np.gradient(path.poses[:, 2], step), step)), 9)  # kinks count
     left_over = np.maximum(limits.yaw_acceleration_rad_s2 - curvature * limits.acceleration_m_s2, 0.2)
     return np.minimum.reduce(
         [

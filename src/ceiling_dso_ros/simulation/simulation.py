@@ -3,13 +3,14 @@
 import heapq
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Deque, Dict, Iterator, NamedTuple, Union
 
 import numpy as np
 
 from ceiling_dso_ros.io.recording import RobotDescription
+from ceiling_dso_ros.simulation import structures
 from ceiling_dso_ros.simulation.camera import REFERENCE_EXPOSURE_MS, ExposureControl
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
@@ -81,8 +82,11 @@ def _hall(ceiling: str, seed: int) -> Hall:
 
 
 @lru_cache(maxsize=2)
-def _scene(ceiling: str, seed: int, focal_px: float) -> Scene:
-    return build_scene(_hall(ceiling, seed), focal_px, seed)
+def _scene(ceiling: str, seed: int, focal_px: float, with_floor: bool) -> Scene:
+    hall = _hall(ceiling, seed)
+    if with_floor:
+        hall = replace(hall, surfaces=[*hall.surfaces, structures.floor(*hall.size_m)])
+    return build_scene(hall, focal_px, seed)
 
 
 class Simulation:
@@ -148,7 +152,7 @@ class Simulation:
     @property
     def scene(self) -> Scene:
         """The building ready for rendering; takes seconds the first time."""
-        return _scene(self.config.ceiling, self.config.seed, self.config.camera.lens.fx)
+        return _scene(self.config.ceiling, self.config.seed, self.config.camera.lens.fx, self.config.forward)
 
     @cached_property
     def cameras(self) -> Dict[str, np.ndarray]:
