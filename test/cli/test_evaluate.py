@@ -76,6 +76,24 @@ def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_fol
     assert set(alignments("--align", "se3").values()) == {"se3"}
 
 
+def test_interpolates_the_reference_when_asked_to(run_folder):
+    between = drive()
+    middle_s = between.stamps_s[:-1] + 0.05
+    positions = (between.positions[:-1] + between.positions[1:]) / 2
+    write_tum(run_folder / "camera.tum", Trajectory(middle_s, positions, between.quaternions_xyzw[:-1]))
+    reference = str(run_folder.parent / "reference.tum")
+
+    def rmse(*arguments):
+        words = ["evaluate", str(run_folder), "--reference", reference, "--align", "se3", "--max-difference", "0.06"]
+        assert main([*words, *arguments]) == 0
+        evaluation = json.loads((run_folder / "evaluation.json").read_text())
+        return evaluation["interpolated"], evaluation["trajectories"]["camera"]["ate_m"]["rmse"]
+
+    assert rmse("--interpolate") == (True, pytest.approx(0.0, abs=1e-7))
+    assert rmse()[0] is False
+    assert rmse()[1] > 1e-3
+
+
 def test_running_twice_gives_the_same_bytes(run_folder, evaluate):
     assert evaluate(run_folder).returncode == 0
     first = {path.name: path.read_bytes() for path in run_folder.iterdir()}

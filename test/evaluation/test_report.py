@@ -135,8 +135,11 @@ def test_stamps_between_each_other_are_told_from_no_overlap():
         evaluate_trajectory("camera", between, truth, AlignmentKind.SIM3, 0.001)
 
 
-def test_fewer_than_three_pairs_is_an_error():
+@pytest.mark.parametrize("interpolate", [False, True])
+@pytest.mark.parametrize("count", [1, 2])
+def test_fewer_than_three_pairs_is_an_error(count, interpolate):
     truth = reference()
-    two = Trajectory(truth.stamps_s[:2], truth.positions[:2], truth.quaternions_xyzw[:2])
-    with pytest.raises(EvaluationError, match="2 pairs of poses, at least 3"):
-        evaluate_trajectory("camera", two, truth, AlignmentKind.SIM3, TAU_S)
+    few = Trajectory(truth.stamps_s[:count], truth.positions[:count], truth.quaternions_xyzw[:count])
+    for estimate, against in ((few, truth), (truth, few)):
+        with pytest.raises(EvaluationError, match=f"{count} pairs of poses, at least 3"):
+            evaluate_trajectory("camera", estimate, against, AlignmentKind.SIM3, TAU_S, interpolate)

@@ -33,6 +33,11 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         default=0.01,
         help="largest difference of two stamps that belong together, seconds (default %(default)s)",
     )
+    parser.add_argument(
+        "--interpolate",
+        action="store_true",
+        help="take the reference at the very stamps of the estimate, not at its nearest ones",
+    )
     parser.set_defaults(execute=execute)
 
 
@@ -54,14 +59,18 @@ def execute(options: argparse.Namespace) -> None:
     for name, estimate in estimates.items():
         kind = AlignmentKind(TRAJECTORIES[name] if options.align == "auto" else options.align)
         try:
-            evaluations.append(evaluate_trajectory(name, estimate, reference, kind, options.max_difference))
+            evaluation = evaluate_trajectory(
+                name, estimate, reference, kind, options.max_difference, options.interpolate
+            )
         except EvaluationError as error:
             raise InputError(f"{directory / name}.tum against {options.reference}: {error}") from error
+        evaluations.append(evaluation)
     print(tables(evaluations))
 
     numbers = {
         "reference": str(options.reference),
         "max_difference_s": options.max_difference,
+        "interpolated": options.interpolate,
         "trajectories": {evaluation.name: evaluation.numbers() for evaluation in evaluations},
     }
     start_s = min(estimate.stamps_s[0] for estimate in estimates.values())

@@ -99,10 +99,15 @@ def _open_recording(options: argparse.Namespace) -> "Recording":
 
 
 def _describe(summary: dict, directory: Path) -> str:
-    mean_ms = summary["ms"]["all"]["mean"]
-    return (
-        f"{summary['tracked']} of {summary['frames']} frames tracked, {summary['lost']} lost, "
-        f"{summary['keyframes']} keyframes in {summary['segments']} segments, {len(summary['warnings'])} frames skipped"
-        + (f", {mean_ms:.1f} ms a frame" if mean_ms is not None else "")
-        + f"; results in {directory}"
-    )
+    segments, mean_ms = summary["segments"], summary["ms"]["all"]["mean"]
+    parts = [
+        f"{summary['tracked']} of {summary['frames']} frames tracked",
+        f"{summary['lost']} lost",
+        f"{len(summary['warnings'])} skipped",
+        f"{summary['keyframes']} keyframes",
+    ]
+    if segments > 1:
+        parts.append(f"{segments} segments, each with its own unit of length")
+    if mean_ms is not None:
+        parts.append(f"{mean_ms:.1f} ms a frame")
+    return f"{', '.join(parts)}; results in {directory}"

@@ -79,7 +79,7 @@ def _error_figure(evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
     for colour, evaluation in zip(_colours(evaluations), evaluations):
         label = f"{evaluation.name}: RMSE {evaluation.ate_m.rmse * factor:.3g} {unit}"
         axes.plot(
-            evaluation.travelled_m, evaluation.position_errors_m * factor, color=colour, linewidth=1.1, label=label
+            evaluation.travelled_m, evaluation.position_errors_m * factor, color=colour, linewidth=0.8, label=label
         )
     axes.margins(x=0.01)
     axes.set_ylim(bottom=0.0)

@@ -100,11 +100,10 @@ def evaluate_trajectory(
         EvaluationError: no common time, fewer than three pairs, or no motion to take a scale from.
     """
     index, reference_index = _pairs(estimate, reference, max_difference_s)
-    if interpolate:
+    reference_poses = reference.matrices()[reference_index]
+    if interpolate and len(reference) > 1:
         stamps_s = np.clip(estimate.stamps_s[index], reference.stamps_s[0], reference.stamps_s[-1])
         reference_poses = interpolate_poses(reference.stamps_s, reference.matrices(), stamps_s)
-    else:
-        reference_poses = reference.matrices()[reference_index]
     poses = estimate.matrices()
     try:
         alignment = align(poses[index, :3, 3], reference_poses[:, :3, 3], kind)
@@ -131,50 +130,40 @@ def evaluate_trajectory(
 
 def tables(evaluations: Sequence[TrajectoryEvaluation]) -> str:
     """The absolute and the relative errors, one table each."""
-    absolute = [
-        [
-            evaluation.name,
-            evaluation.alignment.kind.value,
-            evaluation.pairs,
-            f"{evaluation.path_m:.2f}",
-            f"{evaluation.alignment.scale:.4f}",
-            *(f"{value:.4f}" for value in asdict(evaluation.ate_m).values()),
-            "-"
-            if evaluation.rotation_errors_deg is None
-            else f"{Statistics.of(evaluation.rotation_errors_deg).rmse:.3f}",
-        ]
-        for evaluation in evaluations
-    ]
-    relative = [
-        [
-            evaluation.name,
-            f"{errors.length_m:.2f}",
-            errors.count,
-            f"{errors.translation_percent.mean:.3f}",
-            f"{errors.rotation_deg_per_m.mean:.4f}",
-            f"{errors.yaw_deg_per_m.mean:.4f}",
-        ]
-        for evaluation in evaluations
-        for errors in evaluation.relative
-    ]
-    absolute_headers = (
-        "trajectory",
-        "align",
-        "pairs",
-        "path m",
-        "scale",
-        "ATE rmse m",
-        "mean",
-        "median",
-        "max",
-        "rot deg",
-    )
-    relative_headers = ("trajectory", "length m", "parts", "translation %", "rotation deg/m", "yaw deg/m")
+    absolute = [_absolute_row(evaluation) for evaluation in evaluations]
+    relative = [_relative_row(evaluation.name, errors) for evaluation in evaluations for errors in evaluation.relative]
     return "\n\n".join(
-        tabulate(rows, headers=headers, disable_numparse=True, colalign=("left", *["right"] * (len(headers) - 1)))
-        for rows, headers in ((absolute, absolute_headers), (relative, relative_headers))
+        tabulate(rows, headers="keys", disable_numparse=True, colalign=("left", *["right"] * (len(rows[0]) - 1)))
+        for rows in (absolute, relative)
         if rows
     )
+
+
+def _absolute_row(evaluation: TrajectoryEvaluation) -> Dict[str, str]:
+    ate_m, rotation_deg = evaluation.ate_m, evaluation.rotation_errors_deg
+    return {
+        "trajectory": evaluation.name,
+        "align": evaluation.alignment.kind.value,
+        "pairs": str(evaluation.pairs),
+        "path m": f"{evaluation.path_m:.2f}",
+        "scale": f"{evaluation.alignment.scale:.4f}",
+        "ATE rmse m": f"{ate_m.rmse:.4f}",
+        "mean": f"{ate_m.mean:.4f}",
+        "median": f"{ate_m.median:.4f}",
+        "max": f"{ate_m.max:.4f}",
+        "rotation deg": "-" if rotation_deg is None else f"{Statistics.of(rotation_deg).rmse:.3f}",
+    }
+
+
+def _relative_row(name: str, errors: RelativeErrors) -> Dict[str, str]:
+    return {
+        "trajectory": name,
+        "length m": f"{errors.length_m:.2f}",
+        "parts": str(errors.count),
+        "translation %": f"{errors.translation_percent.mean:.3f}",
+        "rotation deg/m": f"{errors.rotation_deg_per_m.mean:.4f}",
+        "yaw deg/m": f"{errors.yaw_deg_per_m.mean:.4f}",
+    }
 
 
 def _pairs(estimate: Trajectory, reference: Trajectory, max_difference_s: float) -> Tuple[np.ndarray, np.ndarray]:
