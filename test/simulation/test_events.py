@@ -28,7 +28,9 @@ def test_times_can_be_given_and_events_are_sorted():
     assert of_kind(events, "bump") == [events[1]]
 
 
-@pytest.mark.parametrize("text", ["", "fire", "slip@", "slip@x", "slip@1+", "slip@1.2.3", "slip@70", "slip@5+0", "Slip"])
+@pytest.mark.parametrize(
+    "text", ["", "fire", "slip@", "slip@x", "slip@1+", "slip@1.2.3", "slip@70", "slip@5+0", "Slip"]
+)
 def test_what_is_no_event_is_told_in_one_line(text):
     with pytest.raises(EventError) as info:
         parse_events([text], 60.0)

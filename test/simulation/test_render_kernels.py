@@ -56,7 +56,9 @@ def test_rasterising_agrees_with_ray_casting(seed):
     rng = np.random.default_rng(seed)
     R = Rotation.random(random_state=seed).as_matrix()
     C = rng.uniform(-1, 1, 3)
-    surfaces = [s for _ in range(12) for s in box(rng.uniform(-4, 4, 3), rng.uniform(0.2, 4, 3), STEEL, rng.uniform(0, 6))]
+    surfaces = [
+        s for _ in range(12) for s in box(rng.uniform(-4, 4, 3), rng.uniform(0.2, 4, 3), STEEL, rng.uniform(0, 6))
+    ]
     surfaces = [s for s in surfaces if abs((C - s.vertices[0]) @ s.normal) > 1e-3]
 
     expected, expected_index = cast(surfaces, R, C)

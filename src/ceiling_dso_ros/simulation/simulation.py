@@ -166,14 +166,18 @@ class Simulation:
         """Stamp of an image on the camera's clock."""
         return stamp_ns(time_s + self.config.time_offset_s)
 
+    @cached_property
+    def _renderer(self) -> Renderer:
+        return Renderer(self.scene, self.config.camera.pinhole)
+
     def frames(self) -> Iterator[CameraFrame]:
         """All images, rendered by two threads a few frames ahead."""
-        renderer = Renderer(self.scene, self.config.camera.pinhole)
+        _ = self._renderer  # built once, before the threads want it
         waiting: Deque[Future[CameraFrame]] = deque()
         executor = ThreadPoolExecutor(RENDER_THREADS, thread_name_prefix="render")
         try:
-            for index, time_s in enumerate(self.frame_times_s):
-                waiting.append(executor.submit(self._take, renderer, index, float(time_s)))
+            for index in range(len(self.frame_times_s)):
+                waiting.append(executor.submit(self.frame, index))
                 if len(waiting) > FRAMES_AHEAD:
                     yield waiting.popleft().result()
             while waiting:
@@ -183,22 +187,33 @@ class Simulation:
                 future.cancel()
             executor.shutdown()
 
-    def _take(self, renderer: Renderer, index: int, time_s: float) -> CameraFrame:
-        camera = self.config.camera
+    def frame(self, index: int) -> CameraFrame:
+        """The image at frame_times_s[index]."""
+        camera, time_s = self.config.camera, float(self.frame_times_s[index])
         exposure_ms = self._exposure.exposure_ms(time_s)
-        T_world_base = self.robot.T_world_base(time_s + SAMPLES[:, 2] * exposure_ms * 1e-3)
-        gain = exposure_ms / REFERENCE_EXPOSURE_MS * light_level(self.events, np.array([time_s]))[0]
-        gain *= flicker_factor(self.events, time_s, exposure_ms * 1e-3)
+        gain = flicker_factor(self.events, time_s, exposure_ms * 1e-3) * light_level(self.events, np.array([time_s]))[0]
         images = {}
         for number, (name, T_base_camera) in enumerate(self.cameras.items()):
-            radiance = camera.distort(renderer.expose(T_world_base @ T_base_camera))
+            light = self.light(time_s, exposure_ms, T_base_camera)
             mask = cover_mask(self.events, time_s, camera.width) if number == 0 else 1.0
-            images[name] = camera.develop(radiance, gain * mask, self._rng("noise", number, index))
+            images[name] = camera.develop(light, gain * mask, self._rng("noise", number, index))
         return CameraFrame(self.image_stamp_ns(time_s), time_s, exposure_ms, images)
+
+    def light(self, time_s: float, exposure_ms: float, T_base_camera: np.ndarray) -> np.ndarray:
+        """What a camera gathers while all lamps are on, (H, W) float32, where 1 saturates.
+
+        Args:
+            time_s: the middle of the exposure.
+            exposure_ms: exposure time.
+            T_base_camera: (4, 4) mount of the camera.
+        """
+        T_world_base = self.robot.T_world_base(time_s + SAMPLES[:, 2] * exposure_ms * 1e-3)
+        radiance = self.config.camera.distort(self._renderer.expose(T_world_base @ T_base_camera))
+        return radiance * np.float32(exposure_ms / REFERENCE_EXPOSURE_MS)
 
     def inverse_depth(self, time_s: float) -> np.ndarray:
         """True 1/z of the upward camera at time_s, (H, W) float32 in 1/m of its pinhole image."""
-        return Renderer(self.scene, self.config.camera.pinhole).inverse_depth(self.robot.T_world_camera(time_s)[0])
+        return self._renderer.inverse_depth(self.robot.T_world_camera(time_s)[0])
 
     def wheel_readings(self) -> Iterator[WheelReading]:
         """All readings of the encoders."""
