@@ -1,4 +1,4 @@
-"""A robot at the level of trajectories: wheels that tick and slip, and a visual odometry with noise, drift and losses."""
+"""A robot at the level of trajectories: wheels that tick and slip, a visual odometry with noise, drift and losses."""
 
 from dataclasses import dataclass, field
 from typing import List, Tuple

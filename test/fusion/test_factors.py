@@ -51,7 +51,7 @@ def numeric_jacobian(factor, values, key, step=1e-6):
 def check_jacobians(factor, values):
     linear = factor.linearize(values)
     analytic = np.array(linear.getA())  # a copy: what getA returns does not outlive its factor
-    numeric = np.hstack([numeric_jacobian(factor, values, key) for key in factor.keys()])
+    numeric = np.hstack([numeric_jacobian(factor, values, key) for key in list(factor.keys())])
     np.testing.assert_allclose(analytic, numeric, atol=1e-7)
 
 

@@ -1,4 +1,4 @@
-"""Settings of the fusion: frozen dataclasses with working defaults, one per part; and what it must know of the robot."""
+"""Settings of the fusion, frozen dataclasses with working defaults, one per part; and the robot's geometry."""
 
 from dataclasses import dataclass, field
 from typing import Optional, Tuple

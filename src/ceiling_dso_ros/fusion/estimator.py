@@ -77,7 +77,7 @@ class FusionEstimator:
         return self._add_step(self.wheels.add_pose(stamp_s, pose))
 
     def add_keyframes(self, status: OdometryStatus) -> Optional[FusedState]:
-        """Take in the window of keyframes as refined with a status; returns an output only while the wheels are silent."""
+        """Take in the keyframes as refined with a status; returns an output only while the wheels are silent."""
         for keyframe in self._backend.refine(status.keyframes):
             self._wait(keyframe)
         return self._take_in(status)

@@ -42,7 +42,6 @@ def visual_factor(
         noise: of (e_t, e_phi), units and rad.
         camera_yaw: whether the variable g exists.
     """
-
     u, v = (float(value) for value in visual.shift)
     ax, ay = (float(value) for value in visual.lever_m[:2])
     swing_x, swing_y = (float(value) for value in visual.lever_m[2] * visual.tilt)
@@ -73,7 +72,7 @@ def visual_factor(
 def calibrated_wheel_factor(
     keys: Tuple[int, int], wheels: WheelMotion, noise: gtsam.noiseModel.Base
 ) -> gtsam.CustomFactor:
-    """Motion of the wheels between i and j, corrected for c to first order:
+    """Motion of the wheels between i and j, corrected for c to first order.
 
         e = local((m * J c)^-1 x_i^-1 x_j)
 
@@ -113,6 +112,6 @@ def wheel_factor(keys: Tuple[int, int], wheels: WheelMotion, noise: gtsam.noiseM
 
 
 def _relative(values: gtsam.Values, keys: Tuple[int, ...]) -> Tuple[np.ndarray, float]:
-    """t (2,) and phi of x_i^-1 x_j."""
+    """Translation (2,) and turn of x_i^-1 x_j."""
     relative = values.atPose2(keys[0]).between(values.atPose2(keys[1]))
     return np.array([relative.x(), relative.y()]), relative.theta()

@@ -1,8 +1,8 @@
-"""The published pose and twist: continuous, at the wheels' rate, drawn towards the best estimate.
+"""The published pose and twist: continuous, at the wheels' rate, drawn to the best estimate.
 
-The best estimate is the graph's newest keyframe and the motion since (`RelativeFilter`). The graph has used all that was
-measured up to that keyframe, so there its estimate replaces the filter's; nothing is gained, and consistency is lost, by
-weighing the two as if they were independent.
+The best estimate is the graph's newest keyframe and the motion since (`RelativeFilter`). The graph has used all that
+was measured up to that keyframe, so there its estimate replaces the filter's: weighing the two as if they were
+independent would gain nothing and make the covariance a lie.
 """
 
 import math
@@ -151,7 +151,7 @@ class LiveOutput:
         self._twist.add_rate(stamp_s, rate, covariance)
 
     def publish(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
-        """The output after a believed step: pose and (3, 3) covariance in odom, (2,) twist and its (2, 2) covariance."""
+        """The output after a believed step: pose in odom with covariance, (2,) twist and its (2, 2) covariance."""
         relative = self._relative.state
         back = planar.adjoint(planar.inverse(relative.pose))
         best = Estimate(

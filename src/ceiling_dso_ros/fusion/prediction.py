@@ -35,14 +35,15 @@ def predict_camera_motion(
     start_s: float,
     end_s: float,
 ) -> CameraMotion:
-    """The wheels' motion in the camera's frame and unit; beyond the newest sample the wheels are taken to go on as before.
+    """The wheels' motion in the camera's frame and unit; after the newest sample they are taken to go on as before.
 
     Args:
         track: the wheels.
         noise: their error model.
         T_base_camera: (4, 4) of the camera.
         estimate: scale and constants of the wheels as known now.
-        start_s, end_s: on the wheels' clock.
+        start_s: of the earlier image, on the wheels' clock.
+        end_s: of the later image.
     """
     constants = np.zeros((3, 3))
     constants[1:, 1:] = estimate.constants_covariance

@@ -114,7 +114,7 @@ class WheelNoise:
         return np.diag([config.radius_sigma if with_radius else 0.0, config.ratio_sigma, config.base_sigma]) ** 2
 
     def covariance(self, motion: WheelMotion, constants: np.ndarray) -> np.ndarray:
-        """(3, 3) covariance of the motion's pose: white noise, the constants' (3, 3) covariance, the encoders' resolution.
+        """(3, 3) covariance of a motion's pose: white noise, (3, 3) covariance of the constants, encoder resolution.
 
         The position of a wheel is known to one tick at either end however many steps lie between, hence added here.
         """
@@ -151,7 +151,7 @@ class WheelOdometry:
 
     @property
     def covariance_odom(self) -> np.ndarray:
-        """(3, 3) covariance of the total pose (x, y, yaw) in the frame of the origin, the mean radius's error included."""
+        """(3, 3) covariance of the total x, y, yaw in the frame of the origin, the mean radius's error included."""
         own = self.noise.covariance(self.total, self.noise.constants_covariance(with_radius=True))
         return planar.rotate_covariance(own, self.total.pose[2])
 
