@@ -8,7 +8,7 @@ fail() {
     exit 1
 }
 
-# is_current STAMP KEY: the step that wrote STAMP ran to its end with the same KEY.
+# is_current FILE TEXT: the step that wrote TEXT to FILE, when it had ended well, need not run again.
 is_current() { [ -f "$1" ] && [ "$(cat "$1")" = "$2" ]; }
 
 # python_environment DIR PYTHON REQUIREMENTS [VENV_OPTION...]: makes or updates a virtual environment with the pins.
