@@ -51,7 +51,8 @@ def test_spots_and_curves_stay_on_the_canvas():
     sheet.curve(np.array([[-1.0, -1.0], [3.0, 2.0]]), 0.01, 0.5)
     sheet.curve(np.array([[5.0, 5.0], [6.0, 6.0]]), 0.01, 0.5)
     assert sheet.values[100, 100] == pytest.approx(0.0, abs=1e-3)
-    assert 0.0 <= sheet.values.min() and sheet.values.max() <= 0.5
+    assert sheet.values.min() >= 0.0
+    assert sheet.values.max() <= 0.5
     assert sheet.values[60, 60] == 0.5
 
 

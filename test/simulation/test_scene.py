@@ -52,7 +52,7 @@ def test_ceilings_look_like_ceilings(ceiling):
 
 
 def test_a_ceiling_is_the_same_at_every_resolution(ceiling):
-    name, hall, scene = ceiling
+    _, hall, scene = ceiling
     double = CameraModel(width=424, height=240)
     fine = build_scene(hall, double.lens.fx, 3)
     for T in views(3):

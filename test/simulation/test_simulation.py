@@ -45,9 +45,9 @@ class Warp:
         self.v = camera.fy * points[..., 1] / points[..., 2] + camera.cy
         low, right, bottom = BORDER_PX, camera.width - 1 - BORDER_PX, camera.height - 1 - BORDER_PX
         self.usable = (self.u > low) & (self.u < right) & (self.v > low) & (self.v < bottom)
-        self.nearest = np.rint(self.v[self.usable]).astype(int), np.rint(self.u[self.usable]).astype(int)
-        hidden = np.abs(self.depths[0][self.nearest] - points[..., 2][self.usable]) > DEPTH_EDGE_M
-        at_edge = self.near_edge(self.depths[0])[self.nearest] | self.near_edge(self.depths[1])[self.usable]
+        nearest = np.rint(self.v[self.usable]).astype(int), np.rint(self.u[self.usable]).astype(int)
+        hidden = np.abs(self.depths[0][nearest] - points[..., 2][self.usable]) > DEPTH_EDGE_M
+        at_edge = self.near_edge(self.depths[0])[nearest] | self.near_edge(self.depths[1])[self.usable]
         self.usable[self.usable] = ~(hidden | at_edge)
 
     @staticmethod
@@ -57,7 +57,7 @@ class Warp:
         return cv2.dilate((bend > DEPTH_EDGE_M).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
 
     def compare(self, first, second, gain):
-        """Residuals second - gain * warped first, the warped levels, and the share of their noise that is left, (n,)."""
+        """Residuals second - gain * warped first, warped levels, and the share of their noise that is left, (n,)."""
         u, v = self.u[self.usable], self.v[self.usable]
         i, j = u.astype(int), v.astype(int)
         p, q = u - i, v - j

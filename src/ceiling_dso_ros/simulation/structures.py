@@ -215,10 +215,8 @@ def downward(corners_xy: Sequence[Sequence[float]], z: float, material: Material
 
 def room_plan(length: float, width: float, boxes: Sequence[Sequence[float]] = ()) -> np.ndarray:
     """Segments (n, 2, 2) in x, y that a laser scanner sees: walls, and boxes (center x, center y, half x, half y)."""
-    segments = [np.array(_outline(length, width))]
-    for x, y, half_x, half_y in boxes:
-        segments.append(np.array(_outline(2 * half_x, 2 * half_y)) + (x, y))
-    return np.concatenate(segments)
+    outlines = [np.array([x, y]) + _outline(2 * half_x, 2 * half_y) for x, y, half_x, half_y in boxes]
+    return np.concatenate([np.array(_outline(length, width)), *outlines])
 
 
 def _outline(length: float, width: float) -> List[Sequence[Sequence[float]]]:
