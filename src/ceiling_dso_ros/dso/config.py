@@ -45,6 +45,7 @@ class InitializationConfig:
     min_translation: float = 1.0 / 60.0  # of the mean depth, before depths are trusted
     frames_after_snap: int = 5
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
+    translation_coupling: float = 22500.0  # and the translation to zero
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
 
     def check(self) -> None:

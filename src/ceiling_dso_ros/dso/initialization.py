@@ -1,10 +1,12 @@
 """Initialisation: pose and depth from two frames with parallax, with no prior knowledge but that depth is smooth."""
 
+import copy
 from dataclasses import dataclass
-from typing import List, Optional
+from typing import List, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.candidates import CandidateTable
 from ceiling_dso_ros.dso.config import InitializationConfig
 from ceiling_dso_ros.dso.initialization_kernels import align_level, smooth
@@ -18,6 +20,8 @@ NEIGHBOURS = 10
 OWN_SHARE = 0.2  # of a point's own inverse depth when it is smoothed with its neighbours'
 ITERATIONS = (5, 5, 10, 30, 50, 50)  # per level, finest first
 OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 4
+MIN_DUAL_IDEPTH = 0.05  # of the mean: less is a plane that passes too near the camera's horizon
+SETTLING_ROUNDS = 3
 
 
 @dataclass
@@ -70,6 +74,30 @@ def strongest_per_cell(gradient2: np.ndarray, width: int, height: int, density: 
     return SelectedPixels(u.astype(np.float32), v.astype(np.float32), np.ones(u.size, np.float32))
 
 
+def dual_motion(T_frame_first: np.ndarray, plane: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
+    """The second motion and plane that give the same homography R + t n^T, to first order in the rotation.
+
+    Translation and plane normal change places: t n^T - n t^T is the rotation n x t.
+
+    Args:
+        T_frame_first: (4, 4) motion.
+        plane: (3,) n with inverse depth n . (x, y, 1).
+
+    Returns:
+        The other motion and plane, the plane with the same inverse depth straight ahead; None when that would be behind
+        the camera or the same solution.
+    """
+    t = T_frame_first[:3, 3]
+    forward = t[2] * plane[2]
+    if abs(t[2]) < 0.2 * np.linalg.norm(t) or forward == 0.0:
+        return None
+    plane_dual = t * (plane[2] / t[2])
+    t_dual = plane * (t[2] / plane[2])
+    T_dual = se3.exp(np.concatenate([np.zeros(3), np.cross(plane, t)])) @ T_frame_first
+    T_dual[:3, 3] = t_dual
+    return T_dual, plane_dual
+
+
 class Initializer:
     """Aligns frames to a first one until there is parallax enough for a map."""
 
@@ -114,6 +142,16 @@ class Initializer:
             for level in self._levels:
                 level.points.idepth[: level.count] = 1.0
                 level.target[:] = 1.0
+        self._align(image_slot, T, light)
+        self._snapped = self._snapped or np.linalg.norm(self._T[:3, 3]) > self._config.min_translation
+        self._frames_since_snap += self._snapped
+        if self._frames_since_snap <= self._config.frames_after_snap:
+            return None
+        self._try_dual(image_slot)
+        return self._first_map()
+
+    def _align(self, image_slot: int, T: np.ndarray, light: np.ndarray) -> None:
+        """Coarse-to-fine alignment of a frame from a starting motion and brightness."""
         for index in range(len(self._levels) - 1, -1, -1):
             level = self._levels[index]
             if index < len(self._levels) - 1:
@@ -122,18 +160,55 @@ class Initializer:
             weight = self._config.depth_coupling if self._snapped else self._config.flat_coupling
             T, light, self.rmse, self.in_view = align_level(
                 level.points, level.residuals, level.count, self._pool.level(image_slot, index), width, height,
-                level_intrinsics(self._intrinsics, index), T, light, np.array([1e12, 1e12]),
-                0.0 if self._snapped else self._config.flat_coupling, level.target, weight,
+                level_intrinsics(self._intrinsics, index), T, light,
+                0.0 if self._snapped else self._config.translation_coupling, level.target, weight,
                 OUTLIER_ENERGY, ITERATIONS[index], self._scratch,
             )  # fmt: skip
             self._smooth(level)
         self._pass_up()
         self._T, self._light = T, light
-        self._snapped = self._snapped or np.linalg.norm(T[:3, 3]) > self._config.min_translation
-        self._frames_since_snap += self._snapped
-        if self._frames_since_snap <= self._config.frames_after_snap:
-            return None
-        return self._first_map()
+
+    def _try_dual(self, image_slot: int) -> None:
+        """Keep the better one of the two motions by which a plane explains a pair of images."""
+        plane = self._fit_plane()
+        dual = dual_motion(self._T, plane)
+        if dual is None:
+            return
+        T_dual, plane_dual = dual
+        self._settle(image_slot)
+        state = copy.deepcopy((self._levels, self._T, self._light, self.rmse))
+        for index, level in enumerate(self._levels):
+            idepth = self._plane_idepth(index, plane_dual)
+            if idepth.min() < MIN_DUAL_IDEPTH * idepth.mean():
+                return
+            level.target[:] = idepth
+            level.points.idepth[: level.count] = idepth
+            level.points.idepth_hessian[: level.count] = 0
+        self._T = T_dual
+        self._settle(image_slot)
+        if self.rmse > state[3]:
+            self._levels, self._T, self._light, self.rmse = state
+
+    def _settle(self, image_slot: int) -> None:
+        for _ in range(SETTLING_ROUNDS):
+            self._align(image_slot, self._T, self._light)
+
+    def _rays(self, index: int) -> np.ndarray:
+        """Viewing rays (x, y, 1) of a level's points, (count, 3) float64."""
+        level = self._levels[index]
+        fx, fy, cx, cy = level_intrinsics(self._intrinsics, index)
+        u, v = level.points.u[: level.count], level.points.v[: level.count]
+        return np.stack([(u - cx) / fx, (v - cy) / fy, np.ones(level.count)], axis=1)
+
+    def _fit_plane(self) -> np.ndarray:
+        """Plane n with idepth = n . ray, (3,), least squares over the informative points of the finest level."""
+        level = self._levels[0]
+        seen = level.points.idepth_hessian[: level.count] > 0
+        plane, *_ = np.linalg.lstsq(self._rays(0)[seen], level.target[seen], rcond=None)
+        return plane
+
+    def _plane_idepth(self, index: int, plane: np.ndarray) -> np.ndarray:
+        return (self._rays(index) @ plane).astype(np.float32)
 
     def _select(self, level: int, selector: PixelSelector) -> SelectedPixels:
         width, height = self._pool.shape.sizes[level]

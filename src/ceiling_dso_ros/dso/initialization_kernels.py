@@ -93,7 +93,7 @@ def step_idepths(
 @kernel
 def align_level(
     points: PointArrays, residuals: ResidualArrays, count: int, image: np.ndarray, width: int, height: int,
-    intrinsics: np.ndarray, T_frame_first: np.ndarray, brightness: np.ndarray, brightness_information: np.ndarray,
+    intrinsics: np.ndarray, T_frame_first: np.ndarray, brightness: np.ndarray,
     translation_information: float, target: np.ndarray, weight: float, threshold: float, max_iterations: int,
     scratch: Scratch,
 ) -> tuple:  # fmt: skip
@@ -103,7 +103,6 @@ def align_level(
         points: of the first frame on this level; idepth is updated.
         residuals: one target, the new frame.
         T_frame_first, brightness: start; brightness is (ln gain, offset) from the first frame to the new one.
-        brightness_information: (2,) information per point that pulls brightness to its start.
         translation_information: per point, pulls the translation to zero.
         target, weight: every inverse depth is pulled to target[i] with this information.
         threshold: energy above which a residual is an outlier.
@@ -111,7 +110,7 @@ def align_level(
     Returns:
         T_frame_first, brightness, RMSE in grey levels, share of points in view.
     """
-    T, light, light0 = T_frame_first.copy(), brightness.copy(), brightness.copy()
+    T, light = T_frame_first.copy(), brightness.copy()
     system, trial_system = np.empty((COLUMNS, COLUMNS)), np.empty((COLUMNS, COLUMNS))
     energy, in_view = linearize_level(
         points, residuals, count, image, width, height, intrinsics, T, light, threshold, scratch, system
@@ -138,9 +137,6 @@ def align_level(
             b[i] *= scale[i]
             for j in range(i + 1):
                 H[i, j] *= scale[i] * scale[j]
-        for k in range(2):
-            H[6 + k, 6 + k] += brightness_information[k] * in_view
-            b[6 + k] += brightness_information[k] * in_view * (light[k] - light0[k])
         for k in range(3):
             H[k, k] += pull
             b[k] += pull * T[k, 3]
