@@ -6,12 +6,12 @@ import sys
 from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
-from ceiling_dso_ros.cli import evaluate, run, simulate
+from ceiling_dso_ros.cli import calibrate, evaluate, run, simulate
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-COMMANDS = (run, evaluate, simulate)
+COMMANDS = (run, evaluate, calibrate, simulate)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -6,6 +6,7 @@ unless a name ends in `_odom`.
 """
 
 import math
+from typing import Tuple
 
 import numpy as np
 
@@ -38,13 +39,17 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return compose(inverse(a), b)
 
 
+def _arc_factors(turn: float) -> Tuple[float, float, float]:
+    """(sin t) / t, (1 - cos t) / t and (t - sin t) / t^2, without loss for small t."""
+    if abs(turn) < 1e-4:
+        return 1.0 - turn * turn / 6.0, 0.5 * turn, turn / 6.0
+    return math.sin(turn) / turn, 2.0 * math.sin(0.5 * turn) ** 2 / turn, (turn - math.sin(turn)) / turn**2
+
+
 def expmap(twist: np.ndarray) -> np.ndarray:
     """The pose reached by driving an arc with constant (forward, left, turn), (3,); exact for any turn."""
-    turn = twist[2]
-    if abs(turn) < 1e-9:
-        return np.array([twist[0] - 0.5 * turn * twist[1], twist[1] + 0.5 * turn * twist[0], turn])
-    a, b = math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn
-    return np.array([a * twist[0] - b * twist[1], b * twist[0] + a * twist[1], wrap(turn)])
+    a, b, _ = _arc_factors(twist[2])
+    return np.array([a * twist[0] - b * twist[1], b * twist[0] + a * twist[1], wrap(twist[2])])
 
 
 def logmap(pose: np.ndarray) -> np.ndarray:
@@ -63,13 +68,9 @@ def adjoint(pose: np.ndarray) -> np.ndarray:
 def right_jacobian(twist: np.ndarray) -> np.ndarray:
     """(3, 3) derivative of `expmap`: expmap(t + dt) = compose(expmap(t), J dt) for small dt."""
     forward, left, turn = twist
-    if abs(turn) < 1e-5:
-        return np.array([[1.0, 0.5 * turn, -0.5 * left], [-0.5 * turn, 1.0, 0.5 * forward], [0.0, 0.0, 1.0]])
-    c, s = math.cos(turn), math.sin(turn)
-    a, b = s / turn, (1.0 - c) / turn
-    x = (turn * forward - left + left * c - forward * s) / turn**2
-    y = (forward + turn * left - forward * c - left * s) / turn**2
-    return np.array([[a, b, x], [-b, a, y], [0.0, 0.0, 1.0]])
+    a, b, c = _arc_factors(turn)
+    d = b / turn if abs(turn) > 1e-12 else 0.5
+    return np.array([[a, b, c * forward - d * left], [-b, a, d * forward + c * left], [0.0, 0.0, 1.0]])
 
 
 def rotate_covariance(covariance: np.ndarray, yaw_rad: float) -> np.ndarray:

@@ -1,0 +1,130 @@
+"""`calibrate`: from a recording to the robot's dimensions."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, List
+
+from ceiling_dso_ros.io.errors import InputError, OutputError
+
+if TYPE_CHECKING:
+    from ceiling_dso_ros.fusion.calibration import Calibration, CameraPose
+    from ceiling_dso_ros.io.recording import Recording
+
+
+def add_parser(commands: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "calibrate",
+        help="from a recording to the robot's dimensions",
+        description="Track the camera of a recording with wheels and find how the camera is mounted, how late its "
+        "stamps are, the ratio of the wheels' radii and the wheel base. Drive curves both ways and straight parts for "
+        "a minute. The height of the camera and the mean wheel radius cannot be found and stay as they are.",
+    )
+    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    parser.add_argument("--out", metavar="robot.yaml", type=Path, required=True, help="where the result goes")
+    parser.add_argument("--camera", metavar="camera.txt", type=Path, help="calibration instead of the recording's own")
+    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions instead of the recording's own")
+    parser.add_argument("--image-topic", metavar="TOPIC", help="of a bag (default /camera/up/image_raw)")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Calibrate, print a table and write the yaml file.
+
+    Raises:
+        InputError: unreadable recording, no wheels in it, or too little motion.
+        OutputError: the result cannot be written.
+    """
+    from ceiling_dso_ros.dso.config import ConfigError
+    from ceiling_dso_ros.evaluation.fusing import robot_model
+    from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
+    from ceiling_dso_ros.fusion.config import WheelConfig
+    from ceiling_dso_ros.fusion.wheel import WheelOdometry
+    from ceiling_dso_ros.io.recording import TopicNames, open_recording
+
+    topics = TopicNames() if options.image_topic is None else TopicNames(image=options.image_topic)
+    recording = open_recording(options.input, topics, camera_file=options.camera, robot_file=options.robot)
+    wheels, description = recording.wheels, recording.robot
+    if wheels is None or len(wheels.stamps_ns) < 2:
+        raise InputError(f"{options.input}: has no wheel encoders, without which there is nothing to compare with")
+    if description is None:
+        raise InputError(f"{options.input}: the robot's dimensions are unknown; give them with --robot")
+    try:
+        robot = robot_model(description)
+        odometry = WheelOdometry(robot, WheelConfig())
+        samples = zip(wheels.stamps_s.tolist(), wheels.left.tolist(), wheels.right.tolist())
+        steps = [step for step in (odometry.add_ticks(*sample) for sample in samples) if step is not None]
+        calibration = calibrate(steps, _track(recording), robot)
+    except (ConfigError, CalibrationError) as error:
+        raise InputError(f"{options.input}: {error}") from error
+    print(_table(calibration))
+    try:
+        options.out.write_text(_yaml(calibration, options.input))
+    except OSError as error:
+        raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
+
+
+def _track(recording: "Recording") -> List["CameraPose"]:
+    """Poses of all tracked images, re-expressed on their keyframes as last refined."""
+    from tqdm import tqdm
+
+    from ceiling_dso_ros.dso import DirectOdometry, TrackingState
+    from ceiling_dso_ros.fusion.calibration import CameraPose
+    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+    from ceiling_dso_ros.io.recording import SkippedFrame
+
+    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+    odometry = DirectOdometry(recording.calibration.camera)
+    tracked, keyframes = [], {}
+    with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
+        for frame in frames:
+            if isinstance(frame, SkippedFrame):
+                continue
+            status = odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
+            keyframes.update((keyframe.keyframe_id, keyframe.T_world_camera) for keyframe in status.keyframes)
+            if status.state is TrackingState.TRACKING:
+                tracked.append((status.stamp_s, status.segment, status.keyframe_id, status.T_keyframe_camera))
+    return [CameraPose(stamp_s, segment, keyframes[key] @ T) for stamp_s, segment, key, T in tracked]
+
+
+def _table(calibration: "Calibration") -> str:
+    from tabulate import tabulate
+
+    from ceiling_dso_ros.fusion.calibration import ALWAYS_UNOBSERVABLE
+
+    rows = [
+        [
+            value.name,
+            f"{value.value:.4f}" if value.excited else "-",
+            f"{value.sigma:.4f}" if value.excited else "not excited by the motion",
+            value.unit,
+            f"{value.nominal:.4f}",
+        ]
+        for value in calibration.values
+    ]
+    rows += [[name, "-", "cannot be found", "m", ""] for name in ALWAYS_UNOBSERVABLE]
+    return tabulate(rows, headers=["", "value", "standard deviation", "unit", "before"], disable_numparse=True)
+
+
+def _yaml(calibration: "Calibration", source: Path) -> str:
+    """The robot file, with what is known of every value as comments."""
+    import yaml
+    from scipy.spatial.transform import Rotation
+
+    robot = calibration.robot
+    T = robot.T_base_camera
+    content = {
+        "ticks_per_turn": robot.ticks_per_turn,
+        "wheel_radius": [float(radius) for radius in robot.wheel_radius_m],
+        "wheel_base": float(robot.wheel_base_m),
+        "T_base_camera": {
+            "xyz": [float(value) for value in T[:3, 3]],
+            "quat_xyzw": [float(value) for value in Rotation.from_matrix(T[:3, :3]).as_quat()],
+        },
+        "camera_time_offset": float(robot.camera_time_offset_s),
+    }
+    lines = [f"# calibrated from {source.name} with {calibration.pairs} pairs of images"]
+    for value in calibration.values:
+        found = f"{value.value:.6g} +- {value.sigma:.2g}" if value.excited else f"not excited, {value.nominal:.6g} kept"
+        lines.append(f"# {value.name}: {found} {value.unit}".rstrip())
+    return "\n".join(lines) + "\n" + yaml.safe_dump(content, sort_keys=False)

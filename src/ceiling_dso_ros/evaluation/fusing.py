@@ -1,0 +1,106 @@
+"""Plays a recording's wheels into the fusion beside the odometry, as a robot would deliver them."""
+
+from pathlib import Path
+from typing import Any, Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso import OdometryStatus
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.estimator import FusionEstimator
+from ceiling_dso_ros.fusion.state import FusedState
+from ceiling_dso_ros.io.recording import RobotDescription, WheelTicks
+from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
+
+
+def robot_model(robot: RobotDescription) -> RobotModel:
+    """What the fusion must know of a recorded robot.
+
+    Raises:
+        ConfigError: the camera does not look up, or a dimension is out of range.
+    """
+    return RobotModel(robot.T_base_camera, robot.wheel_base_m, robot.wheel_radius_m, robot.ticks_per_turn)
+
+
+class FusionPlayback:
+    """One run of the fusion over a recording.
+
+    Every sample and every image is taken in at its stamp, as if computing took no time; the fused trajectory holds what
+    would have been published then, and nothing that was learnt later.
+
+    Attributes:
+        estimator: the fusion.
+    """
+
+    def __init__(self, wheels: WheelTicks, robot: RobotModel, config: FusionConfig = FusionConfig()) -> None:
+        self.estimator = FusionEstimator(robot, config, keep_history=True)
+        self._samples = list(zip(wheels.stamps_s.tolist(), wheels.left.tolist(), wheels.right.tolist()))
+        self._next = 0
+        self._wheel: List[Tuple[float, np.ndarray]] = []
+        self._fused: List[FusedState] = []
+
+    def add(self, status: OdometryStatus) -> None:
+        """Take in an image's result, and before it the wheel samples up to its stamp."""
+        self._play_wheels(status.stamp_s)
+        self.estimator.add_keyframes(status)
+        self.estimator.add_frame(status)
+
+    def finish(self) -> None:
+        """Take in the wheel samples after the last image."""
+        self._play_wheels(np.inf)
+
+    def write(self, directory: Path) -> None:
+        """Write wheel.tum, fused.tum and fused_smoothed.tum: base_link in odom.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        nodes = self.estimator.smoothed()
+        write_tum(directory / "wheel.tum", _trajectory(*_columns(self._wheel)))
+        write_tum(directory / "fused.tum", self.fused())
+        write_tum(directory / "fused_smoothed.tum", _trajectory([n.stamp_s for n in nodes], [n.pose for n in nodes]))
+
+    def fused(self) -> Trajectory:
+        """What would have been published, at every wheel sample."""
+        return _trajectory([state.stamp_s for state in self._fused], [state.pose for state in self._fused])
+
+    def summary(self) -> Dict[str, Any]:
+        """The last scale (None where it was never known), the slips, and when the state changed for what reasons."""
+        scale = self.estimator.scale
+        return {
+            "scale": {
+                "value": scale.value if np.isfinite(scale.value) else None,
+                "sigma": scale.sigma if np.isfinite(scale.sigma) else None,
+                "converged": scale.converged,
+            },
+            "slips": [[report.start_s, report.end_s] for report in self.estimator.slips],
+            "fusion": self._changes(),
+        }
+
+    def _play_wheels(self, until_s: float) -> None:
+        while self._next < len(self._samples) and self._samples[self._next][0] <= until_s:
+            stamp_s, left, right = self._samples[self._next]
+            self._next += 1
+            state = self.estimator.add_wheel_ticks(stamp_s, left, right)
+            if state is not None:
+                self._fused.append(state)
+                self._wheel.append((stamp_s, self.estimator.wheels.total.pose))
+
+    def _changes(self) -> List[Dict[str, Any]]:
+        changes: List[Dict[str, Any]] = []
+        last = None
+        for fused in self._fused:
+            sources = (fused.state, tuple(reason.partition(":")[0] for reason in fused.reasons))
+            if sources != last:
+                changes.append({"stamp": fused.stamp_s, "state": fused.state.value, "reasons": list(fused.reasons)})
+                last = sources
+        return changes
+
+
+def _columns(rows: Sequence[Tuple[float, np.ndarray]]) -> Tuple[List[float], List[np.ndarray]]:
+    return [stamp_s for stamp_s, _ in rows], [pose for _, pose in rows]
+
+
+def _trajectory(stamps_s: Sequence[float], poses: Sequence[np.ndarray]) -> Trajectory:
+    return Trajectory.from_matrices(stamps_s, [planar.lift(pose) for pose in poses])

@@ -1,0 +1,155 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig, ScaleConfig, WheelConfig
+from ceiling_dso_ros.fusion.graph import Interval, WindowGraph, smooth
+from ceiling_dso_ros.fusion.visual import VisualMotion
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+
+BASE, LEVER, SCALE = 0.5, np.array([0.18, 0.04, 0.62]), 4.3
+NOISE = WheelNoise(WheelConfig(), BASE, 1e-4)
+
+
+def config(window=20, **parts):
+    return FusionConfig(graph=GraphConfig(window=window), **parts)
+
+
+def chain(count, rng=None, wheel_turn=0.0, segment_at=None):
+    """Intervals of a winding drive, and the true poses; wheels turn wheel_turn rad per metre too much."""
+    intervals, poses, scale = [], [np.zeros(3)], SCALE
+    for end in range(1, count + 1):
+        twist = np.array([0.15, 0.0, 0.1 * np.sin(0.3 * end)])
+        poses.append(planar.compose(poses[-1], planar.expmap(twist)))
+        seen = np.array([0.15, 0.0, twist[2] + 0.15 * wheel_turn])
+        step = WheelStep(end - 1.0, float(end), seen)
+        noise = np.zeros(3)
+        if rng is not None:
+            noise = rng.normal(size=3) * [1.5e-4, 1.5e-4, 2.5e-4]
+            step = replace(step, twist=seen + np.linalg.cholesky(NOISE.white(step)) @ rng.normal(size=3))
+        wheels = NOISE.extend(WheelMotion.nothing(end - 1.0), step)
+        first = end == 1 or end == segment_at
+        scale = 1.4 * SCALE if segment_at is not None and end >= segment_at else SCALE
+        camera = planar.lift(planar.expmap(twist))
+        turned = camera[:3, :3] @ LEVER - LEVER
+        visual = VisualMotion(
+            (camera[:2, 3] + turned[:2]) / scale + noise[:2], 0.0, twist[2] + noise[2], np.zeros(2), LEVER
+        )
+        intervals.append(Interval(end, float(end), wheels, None if first else visual, continues=not first))
+    return intervals, poses
+
+
+def run(graph, intervals):
+    for interval in intervals:
+        graph.add(interval)
+        estimate = graph.optimize()
+    return estimate
+
+
+def test_perfect_data_give_the_truth_and_the_scale():
+    intervals, poses = chain(60)
+    estimate = run(WindowGraph(config(), NOISE), intervals)
+    np.testing.assert_allclose(estimate.pose[:2], poses[-1][:2], atol=1e-3)
+    assert np.exp(estimate.log_scale) == pytest.approx(SCALE, rel=1e-3)
+
+
+def test_the_camera_holds_the_heading_where_the_wheels_turn_wrong():
+    intervals, poses = chain(60, wheel_turn=0.02)
+    estimate = run(WindowGraph(config(), NOISE), intervals)
+    assert abs(planar.wrap(estimate.pose[2] - poses[-1][2])) < 0.02 * 60 * 0.15 / 20
+
+
+def test_a_ceiling_height_is_where_the_scale_begins():
+    intervals, _ = chain(1)
+    height = config(scale=ScaleConfig(ceiling_height_m=7.0, height_sigma=0.2))
+    estimate = run(WindowGraph(height, NOISE), intervals)
+    assert np.exp(estimate.log_scale) == pytest.approx(7.0)
+    assert estimate.scale_sigma == pytest.approx(0.2, rel=1e-3)
+
+
+def test_scale_of_a_new_segment_is_estimated_anew_and_the_pose_is_kept():
+    intervals, poses = chain(60, segment_at=30)
+    graph = WindowGraph(config(), NOISE)
+    before = run(graph, intervals[:29])
+    first = run(graph, intervals[29:30])
+    assert np.exp(before.log_scale) == pytest.approx(SCALE, rel=1e-3)
+    assert first.scale_sigma > 0.5
+    np.testing.assert_allclose(first.pose, poses[30], atol=5e-3)
+    after = run(graph, intervals[30:])
+    assert np.exp(after.log_scale) == pytest.approx(1.4 * SCALE, rel=1e-3)
+
+
+def test_what_leaves_the_window_stays_as_a_prior():
+    """On a linear problem nothing would be lost; here next to nothing is."""
+    intervals, _ = chain(80, np.random.default_rng(1))
+    short = run(WindowGraph(config(window=10), NOISE), intervals)
+    whole = run(WindowGraph(config(window=100), NOISE), intervals)
+    sigma = np.sqrt(np.diag(whole.covariance))
+    assert (np.abs(planar.between(whole.pose, short.pose)) < 0.1 * sigma).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(short.covariance)), sigma, rtol=0.02)
+    assert short.log_scale == pytest.approx(whole.log_scale, abs=0.1 * whole.scale_sigma)
+    assert short.scale_sigma == pytest.approx(whole.scale_sigma, rel=0.02)
+
+
+def test_smoothing_ends_where_the_live_estimate_ends():
+    intervals, _ = chain(80, np.random.default_rng(2))
+    live = run(WindowGraph(config(window=100), NOISE), intervals)
+    nodes = smooth(intervals, config(), NOISE)
+    assert len(nodes) == 80
+    np.testing.assert_allclose(nodes[-1].pose, live.pose, atol=1e-4)
+    assert nodes[-1].stamp_s == live.stamp_s
+
+
+def test_one_wrong_visual_motion_does_little_harm():
+    intervals, poses = chain(60)
+    wrong = replace(intervals[30].visual, shift=intervals[30].visual.shift + [0.05, -0.05])
+    intervals[30] = replace(intervals[30], visual=wrong)
+    nodes = smooth(intervals, config(), NOISE)
+    assert np.abs(nodes[-1].pose[:2] - poses[-1][:2]).max() < 0.05 * SCALE / 5
+
+
+def test_revising_a_motion_replaces_it():
+    intervals, poses = chain(12)
+    graph = WindowGraph(config(), NOISE)
+    spoilt = replace(intervals[8], visual=replace(intervals[8].visual, yaw=intervals[8].visual.yaw + 0.002))
+    run(graph, [*intervals[:8], spoilt, *intervals[9:]])
+    graph.revise(9, visual=intervals[8].visual)
+    np.testing.assert_allclose(graph.optimize().pose, poses[-1], atol=1e-4)
+
+
+def test_revising_what_has_left_the_window_changes_nothing():
+    intervals, _ = chain(40)
+    graph = WindowGraph(config(window=10), NOISE)
+    before = run(graph, intervals)
+    graph.revise(3, visual=None)
+    np.testing.assert_allclose(graph.optimize().pose, before.pose, atol=1e-6)
+
+
+def test_slipping_wheels_have_no_say():
+    intervals, poses = chain(40)
+    slip = WheelMotion.nothing(29.0)
+    slip = NOISE.extend(slip, WheelStep(29.0, 30.0, np.array([0.25, 0.0, 0.5])))
+    intervals[29] = replace(intervals[29], wheels=slip, wheels_slip=True)
+    estimate = run(WindowGraph(config(), NOISE), intervals)
+    np.testing.assert_allclose(estimate.pose, poses[-1], atol=3e-3)
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_history_is_kept_only_when_asked_for(keep):
+    intervals, _ = chain(30)
+    graph = WindowGraph(config(window=10), NOISE, keep_history=keep)
+    run(graph, intervals)
+    assert len(graph.intervals) == 10
+    assert (len(graph.history) == 20) if keep else (graph.history is None)
+
+
+def test_the_wheels_constants_and_the_cameras_yaw_can_be_estimated():
+    ratio_turn = 0.01 / BASE  # 1 % of ratio
+    intervals, _ = chain(120, wheel_turn=-ratio_turn)
+    estimating = FusionConfig(graph=GraphConfig(estimate_wheels=True))
+    estimate = run(WindowGraph(estimating, NOISE), intervals)
+    assert estimate.constants[0] == pytest.approx(0.01, abs=0.001)
+    sigma = np.sqrt(np.diag(estimate.constants_covariance))
+    assert sigma[0] < 0.5 * WheelConfig().ratio_sigma

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.fusion.config import FusionConfig, WheelConfig
+from ceiling_dso_ros.fusion.graph import Interval
+from ceiling_dso_ros.fusion.slip import SlipMonitor
+from ceiling_dso_ros.fusion.visual import VisualMotion
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+
+NOISE = WheelNoise(WheelConfig(), 0.5, 1e-4)
+SCALE, SIGMA = 4.0, 0.002
+
+
+def interval(end, wheel=(0.15, 0.01), camera=(0.15, 0.01), step_s=0.17):
+    """Wheels and camera as (forward m, turn rad)."""
+    step = WheelStep((end - 1) * step_s, end * step_s, np.array([wheel[0], 0.0, wheel[1]]))
+    visual = VisualMotion(np.array([camera[0] / SCALE, 0.0]), 0.0, camera[1], np.zeros(2), np.zeros(3))
+    return Interval(end, step.end_s, NOISE.extend(WheelMotion.nothing(step.start_s), step), visual, continues=True)
+
+
+def feed(monitor, intervals, scale_known=True):
+    results = []
+    for item in intervals:
+        found = monitor.compare(item.wheels, item.visual, SCALE, SIGMA)
+        results.append((monitor.slips(item, found, scale_known), monitor.scale_jump()))
+    return results
+
+
+@pytest.fixture
+def monitor():
+    return SlipMonitor(FusionConfig(), NOISE)
+
+
+def test_agreement_is_no_slip(monitor):
+    assert feed(monitor, [interval(k) for k in range(1, 50)]) == [(False, None)] * 49
+    assert monitor.reports == []
+
+
+def test_a_wrong_turn_is_slip_even_without_scale(monitor):
+    ((slips, _),) = feed(monitor, [interval(1, wheel=(0.15, 0.11))], scale_known=False)
+    assert slips
+    assert len(monitor.reports) == 1
+
+
+def test_a_wrong_distance_is_slip_once_the_scale_is_known(monitor):
+    spinning = interval(1, wheel=(0.3, 0.01))
+    assert feed(monitor, [spinning], scale_known=False) == [(False, None)]
+    assert feed(monitor, [spinning], scale_known=True) == [(True, None)]
+
+
+def test_pushed_with_blocked_wheels_is_slip(monitor):
+    assert feed(monitor, [interval(1, wheel=(0.0, 0.0))]) == [(True, None)]
+
+
+def test_near_slips_are_one_report_and_far_ones_two(monitor):
+    bad = (0.15, 0.2)
+    feed(monitor, [interval(k, wheel=bad if k in (3, 4, 6, 30) else (0.15, 0.01)) for k in range(1, 40)])
+    assert len(monitor.reports) == 2
+    assert monitor.reports[0].start_s == pytest.approx(2 * 0.17)
+    assert monitor.reports[0].end_s == pytest.approx(6 * 0.17)
+
+
+def test_a_distance_that_stays_wrong_by_one_factor_is_a_jump_of_the_scale(monitor):
+    results = feed(monitor, [interval(k, camera=(0.15 if k < 10 else 0.15 * 0.8, 0.01)) for k in range(1, 20)])
+    jumps = [jump for _, jump in results if jump is not None]
+    assert jumps[:1] == [10]
+    monitor.forget(9 * 0.17)
+    assert all(report.end_s <= 9 * 0.17 for report in monitor.reports)
+
+
+def test_a_small_jump_that_no_single_step_shows_is_found(monitor):
+    results = feed(monitor, [interval(k, camera=(0.15 if k < 10 else 0.15 * 0.96, 0.01)) for k in range(1, 20)])
+    assert not any(slips for slips, _ in results)
+    assert any(jump is not None for _, jump in results)
+
+
+def test_a_short_spin_of_both_wheels_is_no_jump(monitor):
+    results = feed(monitor, [interval(k, wheel=(0.3 if 10 <= k < 13 else 0.15, 0.01)) for k in range(1, 30)])
+    assert [k for k, (slips, _) in enumerate(results, 1) if slips] == [10, 11, 12]
+    assert all(jump is None for _, jump in results)
