@@ -5,7 +5,7 @@ import pytest
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.simulation.geometry import quad
 from ceiling_dso_ros.simulation.materials import Material
-from ceiling_dso_ros.simulation.rendering import LENS_BLUR_PX, SAMPLES, Renderer
+from ceiling_dso_ros.simulation.rendering import LENS_BLUR_PX, SAMPLE_TIMES, SAMPLES, TEXTURE_SAMPLES, Renderer
 from ceiling_dso_ros.simulation.scene import Hall, build_scene
 
 CAMERA = PinholeCamera(100.0, 100.0, 63.5, 47.5, 128, 96)
@@ -21,7 +21,7 @@ def edge():
 
 
 def poses(x_of_sample):
-    T = np.tile(np.eye(4), (len(SAMPLES), 1, 1))
+    T = np.tile(np.eye(4), (len(SAMPLE_TIMES), 1, 1))
     T[:, 0, 3] = x_of_sample
     return T
 
@@ -38,6 +38,11 @@ def test_samples_are_an_orthogonal_latin_hypercube():
     np.testing.assert_allclose(SAMPLES.T @ SAMPLES, np.eye(3) * (levels**2).sum(), atol=1e-12)
 
 
+def test_texture_samples_have_the_mean_and_the_variance_of_pixel_and_exposure():
+    np.testing.assert_allclose(TEXTURE_SAMPLES.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(TEXTURE_SAMPLES.T @ TEXTURE_SAMPLES / 4, np.eye(3) / 12, atol=1e-12)
+
+
 @pytest.mark.parametrize("shift_px", [0.0, 0.25, 0.5, 0.8])
 def test_edges_are_where_they_belong_to_a_fraction_of_a_pixel(edge, shift_px):
     picture = edge.expose(poses(shift_px * HEIGHT_M / 100.0))
@@ -46,7 +51,7 @@ def test_edges_are_where_they_belong_to_a_fraction_of_a_pixel(edge, shift_px):
 
 def test_motion_blurs_along_its_way_around_the_middle_of_the_exposure(edge):
     still = edge.expose(poses(0.0))
-    moving = edge.expose(poses(6.0 * SAMPLES[:, 2] * HEIGHT_M / 100.0))
+    moving = edge.expose(poses(6.0 * SAMPLE_TIMES * HEIGHT_M / 100.0))
     np.testing.assert_allclose(edge_position_px(moving), 63.5, atol=0.05)
     slope = np.abs(np.diff(moving[48]))
     assert 5 <= (slope > 0.05).sum() <= 8, "the edge is six pixels wide"

@@ -5,7 +5,7 @@ from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.geometry import quad, tube
 from ceiling_dso_ros.simulation.materials import Material
-from ceiling_dso_ros.simulation.rendering import SAMPLES, Renderer
+from ceiling_dso_ros.simulation.rendering import SAMPLE_TIMES, Renderer
 from ceiling_dso_ros.simulation.robot import upward_camera
 from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Hall, build_scene
 
@@ -23,7 +23,7 @@ def views(count=40):
 
 
 def picture(scene, camera, T):
-    return Renderer(scene, camera.pinhole).expose(np.tile(T, (len(SAMPLES), 1, 1)))
+    return Renderer(scene, camera.pinhole).expose(np.tile(T, (len(SAMPLE_TIMES), 1, 1)))
 
 
 @pytest.fixture(scope="module", params=CEILINGS)

@@ -4,16 +4,20 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.dso.camera import PinholeCamera
-from ceiling_dso_ros.simulation.render_kernels import expose, rasterise, visible_polygons
+from ceiling_dso_ros.simulation.raster_kernels import rasterise, visible_polygons
 from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Scene
+from ceiling_dso_ros.simulation.shading_kernels import expose
 
-# A frame is the mean of 16 sharp pictures: x and y within the pixel and time within the exposure, each column taking
-# every 16th once, the columns uncorrelated, mean zero (an orthogonal Latin hypercube). So edges are smooth and moving
+# Where edges are is sampled at 16 places: x and y within the pixel and time within the exposure, each column taking
+# every 16th once, the columns uncorrelated, mean zero (an orthogonal Latin hypercube). So edges are smooth, and moving
 # ones are blurred.
 _HALF = [
     (1, 5, 3), (3, 13, -7), (5, -1, 11), (7, -9, -15), (9, 15, 5), (11, 7, -1), (13, -11, 13), (15, -3, -9),
 ]  # fmt: skip
 SAMPLES = np.array(_HALF + [(-x, -y, -t) for x, y, t in _HALF]) / 32.0
+# Smooth textures need four: two-point Gauss quadrature in each column, again uncorrelated.
+TEXTURE_SAMPLES = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / (2.0 * np.sqrt(3.0))
+SAMPLE_TIMES = np.concatenate([SAMPLES, TEXTURE_SAMPLES])[:, 2]  # in exposures from the middle
 LENS_BLUR_PX = 0.45
 MOTION_M = 0.1  # how far the camera may move within one exposure
 
@@ -34,14 +38,14 @@ class Renderer:
         """Radiance that the camera gathers.
 
         Args:
-            T_world_camera: (16, 4, 4) poses at the times SAMPLES[:, 2], in exposures from its middle.
+            T_world_camera: (20, 4, 4) poses at SAMPLE_TIMES.
 
         Returns:
             (height, width) float32 where 1 saturates the sensor at the reference exposure.
         """
         shape = (self.camera.height, self.camera.width)
-        intrinsics = np.tile(self.camera.parameters, (len(SAMPLES), 1))
-        intrinsics[:, 2:] -= SAMPLES[:, :2]
+        intrinsics = np.tile(self.camera.parameters, (len(SAMPLE_TIMES), 1))
+        intrinsics[:, 2:] -= np.concatenate([SAMPLES, TEXTURE_SAMPLES])[:, :2]
         radiance = np.empty(shape, dtype=np.float32)
         expose(
             self.scene,

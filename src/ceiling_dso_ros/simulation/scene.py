@@ -14,7 +14,8 @@ import numpy as np
 
 from ceiling_dso_ros.simulation.geometry import Sheet, Surface
 from ceiling_dso_ros.simulation.lighting import Source, floor_sources, irradiance
-from ceiling_dso_ros.simulation.render_kernels import Mesh, Textures
+from ceiling_dso_ros.simulation.raster_kernels import Mesh
+from ceiling_dso_ros.simulation.shading_kernels import Textures
 
 CAMERA_HEIGHT_M = 0.62
 TEXELS_PER_PIXEL = 1.6

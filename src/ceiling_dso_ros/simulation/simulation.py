@@ -15,7 +15,7 @@ from ceiling_dso_ros.simulation.camera import REFERENCE_EXPOSURE_MS, ExposureCon
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import cover_mask, flicker_factor, is_dropped, light_level, parse_events
-from ceiling_dso_ros.simulation.rendering import SAMPLES, Renderer
+from ceiling_dso_ros.simulation.rendering import SAMPLE_TIMES, Renderer
 from ceiling_dso_ros.simulation.robot import NOMINAL, Robot
 from ceiling_dso_ros.simulation.scene import Hall, Scene, build_scene
 from ceiling_dso_ros.simulation.sensors import Encoders, InertialUnit, read_encoders, scan
@@ -207,7 +207,7 @@ class Simulation:
             exposure_ms: exposure time.
             T_base_camera: (4, 4) mount of the camera.
         """
-        T_world_base = self.robot.T_world_base(time_s + SAMPLES[:, 2] * exposure_ms * 1e-3)
+        T_world_base = self.robot.T_world_base(time_s + SAMPLE_TIMES * exposure_ms * 1e-3)
         radiance = self.config.camera.distort(self._renderer.expose(T_world_base @ T_base_camera))
         return radiance * np.float32(exposure_ms / REFERENCE_EXPOSURE_MS)
 

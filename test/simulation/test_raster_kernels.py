@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.simulation.geometry import box, polygon, quad
 from ceiling_dso_ros.simulation.materials import STEEL
-from ceiling_dso_ros.simulation.render_kernels import NOTHING, Textures, expose, rasterise, visible_polygons
+from ceiling_dso_ros.simulation.raster_kernels import NOTHING, rasterise, visible_polygons
 from ceiling_dso_ros.simulation.scene import build_mesh
 
 WIDTH, HEIGHT = 80, 60
@@ -84,34 +84,3 @@ def test_the_back_of_a_polygon_is_not_seen():
     back = quad((-1, -1, 2), (2, 0, 0), (0, 2, 0), STEEL)
     assert (draw([front], np.eye(3), np.zeros(3))[1] == 0).any()
     assert (draw([back], np.eye(3), np.zeros(3))[1] == NOTHING).all()
-
-
-def test_texture_coordinates_are_those_of_the_plane():
-    """A texture that holds its own coordinates, on a tilted surface."""
-    surface = quad((-3, -2, 4), (0.3, 7, 0.5), (6, 0, 2.5), STEEL)
-    texel_m, columns, rows = 0.1, 71, 67
-    u, v = np.meshgrid(np.arange(columns), np.arange(rows))
-    mesh = build_mesh([surface])
-    R = Rotation.from_euler("xyz", [0.1, -0.2, 0.7]).as_matrix()
-    C = np.array([0.1, 0.2, 0.3])
-    directions = rays(R)
-    depth = ((surface.vertices[0] - C) @ surface.normal) / (directions @ surface.normal)
-    points = C + depth[..., None] * directions - surface.origin
-    for texture, axis in ((u, surface.axis_u), (v, surface.axis_v)):
-        textures = Textures(
-            texels=(100 * texture).astype(np.uint16).reshape(-1),
-            starts=np.zeros(1, dtype=np.int64),
-            shapes=np.array([[rows, columns]], dtype=np.int32),
-            origins=surface.origin[None],
-            axes=np.stack([surface.axis_u, surface.axis_v])[None] / texel_m,
-        )
-        radiance = np.empty((HEIGHT, WIDTH), dtype=np.float32)
-        index = np.empty((1, HEIGHT, WIDTH), dtype=np.int32)
-        scratch = np.empty((HEIGHT, WIDTH), dtype=np.float32)
-        expose(
-            (mesh, textures), np.zeros(1, np.int32), R[None], C[None], np.array([INTRINSICS]), scratch, index, radiance
-        )
-        seen = index[0] == 0
-        assert seen.mean() > 0.3
-        np.testing.assert_allclose(radiance[seen], 100 * (points @ axis / texel_m)[seen], atol=0.05)
-        assert (radiance[~seen] == 0).all()

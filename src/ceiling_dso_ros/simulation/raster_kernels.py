@@ -1,8 +1,7 @@
-"""Kernels of the renderer: flat polygons seen by a pinhole camera, exact at every pixel centre.
+"""Kernels that find what each pixel sees: flat polygons and a pinhole camera, exact at every pixel centre.
 
 For the plane n.X = d and a pixel p = (x, y, 1) with the viewing ray R K^-1 p from the centre C, the inverse depth is
-w = n.(R K^-1 p) / (d - n.C), which is affine in the pixel, and so are the products of texture axes and ray. Hence a
-polygon costs a multiplication per pixel to find what is nearest, and a division for its texture coordinates.
+w = n.(R K^-1 p) / (d - n.C), which is affine in the pixel: a polygon costs one multiplication per pixel.
 
 Everywhere R (3, 3) holds the axes of the camera in the world and C (3,) its centre, so T_world_camera = [R C].
 """
@@ -34,24 +33,6 @@ class Mesh(NamedTuple):
     offsets: np.ndarray
     centers: np.ndarray
     radii: np.ndarray
-
-
-class Textures(NamedTuple):
-    """What is painted on the polygons.
-
-    Attributes:
-        texels: (T,) uint16, all textures one after the other, row by row.
-        starts: (P,) int64, each polygon's first texel.
-        shapes: (P, 2) int32 rows, columns.
-        origins: (P, 3) float64, the world point of texel (0, 0).
-        axes: (P, 2, 3) float64, texels per metre along u and v.
-    """
-
-    texels: np.ndarray
-    starts: np.ndarray
-    shapes: np.ndarray
-    origins: np.ndarray
-    axes: np.ndarray
 
 
 @kernel
@@ -123,12 +104,12 @@ def inverse_depth_plane(n, d, R, C, intrinsics):
     distance = d - (n[0] * C[0] + n[1] * C[1] + n[2] * C[2])
     if distance > -1e-9:
         return 0.0, 0.0, 0.0, False
-    wx, wy, w1 = _ray_product(n, R, intrinsics)
+    wx, wy, w1 = ray_product(n, R, intrinsics)
     return wx / distance, wy / distance, w1 / distance, True
 
 
 @kernel
-def _ray_product(a, R, intrinsics):
+def ray_product(a, R, intrinsics):
     """Coefficients (x, y, 1) of the product of a world vector and a pixel's viewing ray R K^-1 p."""
     fx, fy, cx, cy = intrinsics
     ax = (R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2]) / fx
@@ -191,86 +172,3 @@ def _fill(inverse_depth, surface, w, wx, start, p):
         nearer = here > inverse_depth[i]
         inverse_depth[i] = here if nearer else inverse_depth[i]
         surface[i] = p if nearer else surface[i]
-
-
-@kernel
-def expose(scene, polygons, R, C, intrinsics, inverse_depth, surface, radiance):
-    """Mean of several sharp pictures, each with its own pose and principal point.
-
-    All are shaded row by row together, because they read nearly the same texels.
-
-    Args:
-        scene: (Mesh, Textures).
-        polygons: (n,) int32, those that may be seen.
-        R: (K, 3, 3) float64.
-        C: (K, 3) float64.
-        intrinsics: (K, 4) fx fy cx cy.
-        inverse_depth: (H, W) float32, for use inside.
-        surface: (K, H, W) int32, for use inside.
-        radiance: (H, W) float32, output, in units of the texels.
-    """
-    mesh, textures = scene
-    views = np.empty((len(R), len(mesh.radii), 11), np.float32)
-    for k in range(len(R)):
-        fx, fy, cx, cy = intrinsics[k]
-        rasterise(mesh, polygons, R[k], C[k], (fx, fy, cx, cy), inverse_depth, surface[k])
-        for p in polygons:
-            _texture_view(mesh, textures, p, R[k], C[k], (fx, fy, cx, cy), views[k, p])
-    radiance[:] = f32(0)
-    for y in range(surface.shape[1]):
-        for k in range(len(R)):
-            _shade_row(textures, views[k], surface[k, y], y, radiance[y])
-        radiance[y] /= f32(len(R))
-
-
-@kernel
-def _shade_row(textures, views, surface, y, radiance):
-    start, width = 0, surface.size
-    while start < width:
-        p, end = surface[start], start + 1
-        while end < width and surface[end] == p:
-            end += 1
-        if p != NOTHING:
-            rows, columns = textures.shapes[p]
-            first = textures.starts[p]
-            texels = textures.texels[first : first + rows * columns]
-            _sample(texels, rows, columns, views[p], y, start, radiance[start:end])
-        start = end
-
-
-@kernel
-def _texture_view(mesh, textures, p, R, C, intrinsics, view):
-    """Texture coordinates seen in the image: u = u_C + (u_x x + u_y y + u_1) / w with w the inverse depth, same for v.
-
-    view holds w_x w_y w_1, u_x u_y u_1, v_x v_y v_1, u_C v_C.
-    """
-    view[0], view[1], view[2], _ = inverse_depth_plane(mesh.normals[p], mesh.offsets[p], R, C, intrinsics)
-    for k in range(2):
-        axis = textures.axes[p, k]
-        view[3 + 3 * k], view[4 + 3 * k], view[5 + 3 * k] = _ray_product(axis, R, intrinsics)
-        offset = 0.0
-        for i in range(3):
-            offset += axis[i] * (C[i] - textures.origins[p, i])
-        view[9 + k] = offset
-
-
-@kernel_noalias
-def _sample(texels, rows, columns, view, y, start, radiance):
-    """Bilinear texture along a piece of an image row."""
-    w, w_x = view[2] + view[1] * f32(y), view[0]
-    u, u_x = view[5] + view[4] * f32(y), view[3]
-    v, v_x = view[8] + view[7] * f32(y), view[6]
-    u_C, v_C = view[9], view[10]
-    u_end, v_end = f32(columns) - f32(1.001), f32(rows) - f32(1.001)
-    for i in range(radiance.size):
-        x = f32(start + i)
-        depth = f32(1) / (w + w_x * x)
-        a = min(max(u_C + (u + u_x * x) * depth, f32(0)), u_end)
-        b = min(max(v_C + (v + v_x * x) * depth, f32(0)), v_end)
-        column, row = np.int32(a), np.int32(b)
-        fu, fv = a - f32(column), b - f32(row)
-        k = row * columns + column
-        upper = f32(texels[k]) + fu * (f32(texels[k + 1]) - f32(texels[k]))
-        k += columns
-        lower = f32(texels[k]) + fu * (f32(texels[k + 1]) - f32(texels[k]))
-        radiance[i] += upper + fv * (lower - upper)
