@@ -1,9 +1,11 @@
 import argparse
+import os
 import resource
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +15,7 @@ from ceiling_dso_ros.io.bag_reader import open_bag
 from ceiling_dso_ros.io.recording import open_recording
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
+ROOT = Path(__file__).parents[2]
 QUICK = ("--ceiling", "plaster", "--size", "104x64", "--duration", "1")
 
 
@@ -122,8 +125,12 @@ def test_a_full_disk_leaves_nothing_but_one_line(tmp_path, capsys):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_it_leaves_a_readable_bag(number, tmp_path):
     bag = tmp_path / "long.bag"
-    words = [sys.executable, "-m", "ceiling_dso_ros", "simulate", "loops", "--out", str(bag), "--ceiling", "plaster"]
-    process = subprocess.Popen([*words, "--size", "104x64", "--duration", "600"], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ceiling_dso_ros", "simulate", "loops", "--out", str(bag), *QUICK, "--duration", "600"],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     active = tmp_path / "long.bag.active"
     for _ in range(600):
         if active.exists() and active.stat().st_size > 500_000:
