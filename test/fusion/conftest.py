@@ -8,7 +8,8 @@ import pytest
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.config import RobotModel
+from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 RATE_HZ = 600  # of the simulated motion: a multiple of the wheels' 50 Hz and the camera's 30 Hz
 WHEEL_STEP, FRAME_STEP = RATE_HZ // 50, RATE_HZ // 30
@@ -43,8 +44,8 @@ class Truth:
     radius: float = 0.0
     wheel_noise: float = 0.002  # m per sqrt(m)
     shift_sigma: float = 1.5e-4  # units, keyframe to keyframe: 0.7 mm below a ceiling of 4.5 m
-    turn_sigma: float = 2.5e-4  # rad
-    scale_walk: float = 1e-3
+    turn_sigma: float = 2e-4  # rad: 0.011 degrees
+    scale_walk: float = 1.5e-3
     vibration: float = 1e-3  # rad of roll and pitch
     unit_m: float = 4.5
     camera_delay_s: float = 0.0  # a motion is seen in the image whose stamp is this much later
@@ -260,3 +261,67 @@ def simulate():
 @pytest.fixture(scope="session")
 def truth():
     return Truth
+
+
+@dataclass
+class Fused:
+    """What the fusion made of a drive."""
+
+    drive: Drive
+    estimator: FusionEstimator
+    states: list
+    wheel_poses: np.ndarray
+    scales: list  # (stamp_s, keyframe id, ScaleState) after each tracked image
+
+    @property
+    def stamps(self):
+        return np.array([state.stamp_s for state in self.states])
+
+    @property
+    def poses(self):
+        return np.array([state.pose for state in self.states])
+
+    def truth(self, stamps):
+        return np.array([self.drive.pose_at(stamp) for stamp in stamps])
+
+    def ate(self, stamps, poses):
+        """Root mean square position error in metres after a rigid alignment in the plane."""
+        true, found = self.truth(stamps)[:, :2], np.asarray(poses)[:, :2]
+        a, b = true - true.mean(axis=0), found - found.mean(axis=0)
+        turn = np.arctan2((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum(), (a * b).sum())
+        return np.sqrt(((a - b @ planar.rotation(turn).T) ** 2).sum(axis=1).mean())
+
+    def scale_error(self, after_m=np.inf):
+        """Relative error of the scale after so many metres of way."""
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.truth(self.stamps)[:, :2], axis=0).T))])
+        until = self.stamps[min(np.searchsorted(way, after_m), len(way) - 1)]
+        _, key, scale = [entry for entry in self.scales if entry[0] <= until][-1]
+        return scale.value / self.drive.metres_per_unit[key] - 1.0
+
+    def reasons(self, start_s, end_s):
+        """All reasons given between two times from the start."""
+        begin = self.drive.stamps[0]
+        return {r for s in self.states if start_s <= s.stamp_s - begin <= end_s for r in s.reasons}
+
+
+def fuse_drive(drive, config=FusionConfig(), keep_history=True):
+    """Play a drive into the fusion, every event at its stamp."""
+    estimator = FusionEstimator(drive.robot, config, keep_history)
+    states, wheel_poses, scales = [], [], []
+    for stamp_s, is_camera, data in drive.events():
+        if is_camera:
+            estimator.add_keyframes(data)
+            estimator.add_frame(data)
+            if data.keyframe_id >= 0 and estimator.scale.segment == data.segment:
+                scales.append((stamp_s, data.keyframe_id, estimator.scale))
+        else:
+            state = estimator.add_wheel_ticks(stamp_s, *data)
+            if state is not None:
+                states.append(state)
+                wheel_poses.append(estimator.wheels.total.pose)
+    return Fused(drive, estimator, states, np.array(wheel_poses), scales)
+
+
+@pytest.fixture(scope="session")
+def fuse():
+    return fuse_drive

@@ -27,7 +27,7 @@ def chain(count, rng=None, wheel_turn=0.0, segment_at=None):
         step = WheelStep(end - 1.0, float(end), seen)
         noise = np.zeros(3)
         if rng is not None:
-            noise = rng.normal(size=3) * [1.5e-4, 1.5e-4, 2.5e-4]
+            noise = rng.normal(size=3) * [1.5e-4, 1.5e-4, 2e-4]
             step = replace(step, twist=seen + np.linalg.cholesky(NOISE.white(step)) @ rng.normal(size=3))
         wheels = NOISE.extend(WheelMotion.nothing(end - 1.0), step)
         first = end == 1 or end == segment_at
@@ -104,7 +104,7 @@ def test_smoothing_ends_where_the_live_estimate_ends():
 
 def test_one_wrong_visual_motion_does_little_harm():
     intervals, poses = chain(60)
-    wrong = replace(intervals[30].visual, shift=intervals[30].visual.shift + [0.05, -0.05])
+    wrong = replace(intervals[30].visual, shift=intervals[30].visual.shift + np.array([0.05, -0.05]))
     intervals[30] = replace(intervals[30], visual=wrong)
     nodes = smooth(intervals, config(), NOISE)
     assert np.abs(nodes[-1].pose[:2] - poses[-1][:2]).max() < 0.05 * SCALE / 5

@@ -14,13 +14,15 @@ TICK_M = 2 * np.pi * RADIUS / TICKS
 
 
 def robot(**changes):
-    return RobotModel(**{
-        "T_base_camera": np.eye(4),
-        "wheel_base_m": BASE,
-        "wheel_radius_m": (RADIUS, RADIUS),
-        "ticks_per_turn": TICKS,
-        **changes,
-    })
+    return RobotModel(
+        **{
+            "T_base_camera": np.eye(4),
+            "wheel_base_m": BASE,
+            "wheel_radius_m": (RADIUS, RADIUS),
+            "ticks_per_turn": TICKS,
+            **changes,
+        }
+    )
 
 
 def odometry(**changes):
@@ -112,7 +114,7 @@ def test_angles_give_what_ticks_give_endless_or_wrapped():
 
 def test_an_odometry_is_taken_as_it_is():
     wheels = odometry()
-    poses = [np.array([0.1 * k, 0.02 * k * k, 0.05 * k]) + [3.0, 4.0, 0.0] for k in range(6)]
+    poses = [np.array([3.0 + 0.1 * k, 4.0 + 0.02 * k * k, 0.05 * k]) for k in range(6)]
     for index, pose in enumerate(poses):
         wheels.add_pose(0.1 * index, pose)
     np.testing.assert_allclose(wheels.total.pose, planar.between(poses[0], poses[-1]), atol=1e-12)

@@ -125,11 +125,12 @@ class _WheelPath:
 
     def __init__(self, steps: Sequence[WheelStep], wheel_base_m: float) -> None:
         self.stamps_s = np.array([steps[0].start_s, *(step.end_s for step in steps)])
+        self._ages_s = self.stamps_s - self.stamps_s[0]  # small numbers, which can be shifted by nanoseconds
         self._twists = np.array([step.twist for step in steps])
         self._base = wheel_base_m
 
-    def poses(self, stamps_s: np.ndarray, ratio: float, base: float) -> np.ndarray:
-        """(n, 3) x, y, unwrapped yaw at stamps; logarithms of ratio and base relative to nominal."""
+    def poses(self, ages_s: np.ndarray, ratio: float, base: float) -> np.ndarray:
+        """(n, 3) x, y, unwrapped yaw at seconds after the first; logarithms of ratio and base relative to nominal."""
         forward, left, turn = self._twists.T
         half = 0.5 * self._base * turn
         left_wheel, right_wheel = (forward - half) * math.exp(-0.5 * ratio), (forward + half) * math.exp(0.5 * ratio)
@@ -138,12 +139,13 @@ class _WheelPath:
         middle = yaw[:-1] + 0.5 * turn
         dx, dy = np.cos(middle) * forward - np.sin(middle) * left, np.sin(middle) * forward + np.cos(middle) * left
         path = np.column_stack([np.concatenate([[0.0], np.cumsum(dx)]), np.concatenate([[0.0], np.cumsum(dy)]), yaw])
-        return np.column_stack([np.interp(stamps_s, self.stamps_s, column) for column in path.T])
+        return np.column_stack([np.interp(ages_s, self._ages_s, column) for column in path.T])
 
     def motions(self, pairs: Sequence[_Pair], offset_s: float, ratio: float, base: float) -> np.ndarray:
         """(n, 3) motion between the images of each pair, seen from the first."""
-        first = self.poses(np.array([pair.start_s for pair in pairs]) + offset_s, ratio, base)
-        second = self.poses(np.array([pair.end_s for pair in pairs]) + offset_s, ratio, base)
+        start_s, end_s = (np.array([[p.start_s, p.end_s] for p in pairs]) - self.stamps_s[0]).T
+        first = self.poses(start_s + offset_s, ratio, base)
+        second = self.poses(end_s + offset_s, ratio, base)
         c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
         dx, dy, turn = (second - first).T
         return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])

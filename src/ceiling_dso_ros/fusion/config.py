@@ -88,7 +88,7 @@ class VisualConfig:
     """
 
     translation_sigma: float = 1.5e-4  # per axis, keyframe to keyframe
-    yaw_sigma_rad: float = 2.5e-4
+    yaw_sigma_rad: float = 2e-4
     robust_threshold: float = 4.0  # in sigmas: beyond it the influence of a measurement no longer grows (Huber)
     tilt_limit_rad: float = 0.03  # a step that tilts the robot more is no motion on a floor and is not used
     climb_limit: float = 0.02  # nor one that lifts it more, units
@@ -114,7 +114,7 @@ class ScaleConfig:
 
     ceiling_height_m: Optional[float] = None  # above the camera; the unit is about this long, so it is a first guess
     height_sigma: float = 0.3  # of that guess
-    walk_sigma: float = 1e-3  # drift over a way of one unit
+    walk_sigma: float = 1.5e-3  # drift over a way of one unit
     converged_sigma: float = 0.005  # below it the scale is known
     lost_sigma: float = 0.02  # above it it is not known any more
 

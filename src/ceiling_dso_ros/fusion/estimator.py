@@ -161,7 +161,10 @@ class FusionEstimator:
         now_s = self._on_wheel_clock(status.stamp_s)
         if self._track.empty or not self._health.wheels_silent(now_s) or now_s <= self._track.end_s:
             return None
-        return self._advance(WheelStep(self._track.end_s, now_s, np.zeros(3), known=False))
+        guess = np.zeros(3)
+        if status.state is TrackingState.TRACKING and self._backend.scale_known:  # which will correct it
+            guess[::2] = (now_s - self._track.end_s) * self._output.twist
+        return self._advance(WheelStep(self._track.end_s, now_s, guess, known=False))
 
     def _use_keyframe(self, keyframe: KeyframeEstimate, stamp_s: float) -> None:
         if not self._backend.add(keyframe, stamp_s, self._track) or not self._backend.scale_was_known:

@@ -87,9 +87,7 @@ class TwistFilter:
     def add_step(self, step: WheelStep) -> None:
         """Take in the wheels' rate."""
         dt = step.end_s - step.start_s
-        tick_rate = self._noise.resolution_m / math.sqrt(6.0) / dt
-        resolution = np.diag([tick_rate, 2.0 * tick_rate / self._noise.wheel_base_m]) ** 2
-        covariance = self._noise.white(step)[::2, ::2] / dt**2 + resolution
+        covariance = (self._noise.white(step) + self._noise.resolution)[::2, ::2] / dt**2
         self._update(step.end_s, step.rate[::2], covariance)
 
     def add_rate(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
@@ -127,6 +125,11 @@ class LiveOutput:
         """(3,) last published."""
         return self._blended.pose
 
+    @property
+    def twist(self) -> np.ndarray:
+        """(2,) m/s and rad/s now."""
+        return self._twist.twist
+
     def restart(self, estimate: GraphEstimate, events: Sequence[Union[WheelStep, Sighting]]) -> None:
         """Go on from the graph's newest keyframe; events are the wheel steps and sightings after it."""
         self._keyframe = Estimate(estimate.pose, estimate.covariance)
@@ -135,9 +138,9 @@ class LiveOutput:
     def predict(self, step: WheelStep, slipping: bool) -> WheelStep:
         """Take in the newest wheel step; returns what is believed of it."""
         if slipping:  # the robot is taken to go on as it did; the images will correct that
-            forward, turn = (step.end_s - step.start_s) * self._twist.twist
+            forward, turn = (step.end_s - step.start_s) * self.twist
             step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
-        else:
+        elif step.known:
             self._twist.add_step(step)
         self._relative.predict(step)
         return step
@@ -162,4 +165,4 @@ class LiveOutput:
         covariance = planar.rotate_covariance(blended.covariance, blended.pose[2])
         position = blended.pose[:2]  # a wrong mean radius scales the whole way
         covariance[:2, :2] += self._noise.config.radius_sigma**2 * np.outer(position, position)
-        return Estimate(blended.pose, covariance), self._twist.twist, self._twist.covariance
+        return Estimate(blended.pose, covariance), self.twist, self._twist.covariance

@@ -86,6 +86,7 @@ class RelativeFilter:
             events: wheel steps and sightings since, seen from this keyframe, in any order.
         """
         covariance = np.zeros((5, 5))
+        covariance[:3, :3] = self._noise.resolution
         covariance[3:, 3:] = constants_covariance
         self._root = RelativeState(stamp_s, np.zeros(3), np.array(constants), covariance)
         self._entries.clear()

@@ -113,14 +113,15 @@ class WheelNoise:
         config = self.config
         return np.diag([config.radius_sigma if with_radius else 0.0, config.ratio_sigma, config.base_sigma]) ** 2
 
-    def covariance(self, motion: WheelMotion, constants: np.ndarray) -> np.ndarray:
-        """(3, 3) covariance of a motion's pose: white noise, (3, 3) covariance of the constants, encoder resolution.
-
-        The position of a wheel is known to one tick at either end however many steps lie between, hence added here.
-        """
+    @property
+    def resolution(self) -> np.ndarray:
+        """(3, 3) covariance of a motion from its ends, at which a wheel's position is known to one tick."""
         tick = self.resolution_m / math.sqrt(6.0)
-        resolution = np.diag([tick, tick, 2.0 * tick / self.wheel_base_m]) ** 2
-        return motion.noise + motion.jacobian @ constants @ motion.jacobian.T + resolution
+        return np.diag([tick, tick, 2.0 * tick / self.wheel_base_m]) ** 2
+
+    def covariance(self, motion: WheelMotion, constants: np.ndarray) -> np.ndarray:
+        """(3, 3) covariance of a motion's pose, given the (3, 3) covariance of the constants."""
+        return motion.noise + motion.jacobian @ constants @ motion.jacobian.T + self.resolution
 
 
 class WheelOdometry:

@@ -1,0 +1,273 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, ScaleConfig
+from ceiling_dso_ros.fusion.estimator import FusionEstimator
+from ceiling_dso_ros.fusion.state import FusionState
+
+
+@pytest.fixture(scope="module")
+def loops(simulate, truth):
+    return simulate("loops", 25.0, 3, truth(ratio=0.01, base=0.01))
+
+
+@pytest.fixture(scope="module")
+def fused(loops, fuse):
+    return fuse(loops)
+
+
+def largest_jump(fused):
+    """Largest difference between published and true motion from one output to the next, metres."""
+    true = fused.truth(fused.stamps)
+    return max(
+        np.hypot(*(planar.between(a, b) - planar.between(c, d))[:2])
+        for a, b, c, d in zip(fused.poses, fused.poses[1:], true, true[1:])
+    )
+
+
+def test_every_wheel_sample_but_the_first_gives_an_output(fused):
+    assert len(fused.states) == len(fused.drive.ticks) - 1
+    assert (np.diff(fused.stamps) > 0).all()
+
+
+def test_covariances_are_finite_symmetric_and_positive(fused):
+    for state in fused.states[::50]:
+        for covariance in (state.covariance, state.twist_covariance):
+            np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+            assert (np.linalg.eigvalsh(covariance) > 0).all()
+
+
+def test_the_twist_is_the_true_one(fused):
+    for state in fused.states[200::100]:
+        step = planar.between(*(fused.drive.pose_at(state.stamp_s + dt) for dt in (-0.02, 0.02))) / 0.04
+        np.testing.assert_allclose(state.twist, step[[0, 2]], atol=0.1)
+
+
+def test_until_the_scale_is_known_the_pose_is_wheel_odometry(fused):
+    unscaled = [i for i, state in enumerate(fused.states) if state.state is FusionState.NOT_SCALED]
+    assert unscaled == list(range(len(unscaled)))
+    assert 50 < len(unscaled) < 400
+    np.testing.assert_allclose(fused.poses[unscaled], fused.wheel_poses[unscaled], atol=1e-12)
+    assert all("scale: not known yet" in fused.states[i].reasons for i in unscaled)
+    assert not fused.states[unscaled[-1]].scale.converged
+    assert fused.states[-1].state is FusionState.CONVERGED
+    assert fused.states[-1].reasons == ()
+
+
+def test_a_camera_that_is_never_scaled_never_shows_in_the_pose(loops, fuse):
+    never = FusionConfig(scale=ScaleConfig(converged_sigma=1e-4))
+    fused = fuse(loops, never)
+    np.testing.assert_allclose(fused.poses, fused.wheel_poses, atol=1e-12)
+    assert {state.state for state in fused.states} == {FusionState.NOT_SCALED}
+
+
+def test_the_same_events_give_the_same_bytes(loops, fuse, fused):
+    again = fuse(loops)
+    assert again.poses.tobytes() == fused.poses.tobytes()
+    np.testing.assert_array_equal(
+        [node.pose for node in again.estimator.smoothed()], [node.pose for node in fused.estimator.smoothed()]
+    )
+
+
+def test_an_output_depends_on_nothing_that_comes_later(loops, fuse, fused):
+    half = dataclasses.replace(
+        loops,
+        ticks=loops.ticks[: len(loops.ticks) // 2],
+        statuses=[status for status in loops.statuses if status.stamp_s <= loops.ticks[len(loops.ticks) // 2][0]],
+    )
+    poses = fuse(half).poses
+    assert poses.tobytes() == fused.poses[: len(poses)].tobytes()
+
+
+def test_keyframes_that_come_late_change_little(loops, fused):
+    """As from a node that optimises in another thread: the window is published 0.15 s after its frame."""
+    estimator = FusionEstimator(loops.robot)
+    events = [(stamp, order, data) for stamp, order, data in loops.events()]
+    events += [(status.stamp_s + 0.15, 2, status) for status in loops.statuses if status.keyframes]
+    poses = []
+    for stamp_s, kind, data in sorted(events, key=lambda event: event[:2]):
+        if kind == 0:
+            state = estimator.add_wheel_ticks(stamp_s, *data)
+            poses += [] if state is None else [state.pose]
+        elif kind == 1:
+            estimator.add_frame(data)
+        else:
+            estimator.add_keyframes(data)
+    errors = [np.hypot(*(a - b)[:2]) for a, b in zip(poses, fused.truth(fused.stamps))]
+    assert max(errors) < 0.05
+
+
+def test_set_pose_moves_the_output_and_goes_on_from_there(loops):
+    estimator = FusionEstimator(loops.robot)
+    wanted, states = np.array([5.0, -3.0, 2.0]), []
+    for index, (stamp_s, *counts) in enumerate(loops.ticks[:200]):
+        if index == 150:
+            estimator.set_pose(wanted)
+        states.append(estimator.add_wheel_ticks(stamp_s, *counts))
+    stayed = FusionEstimator(loops.robot)
+    poses = [state.pose for state in (stayed.add_wheel_ticks(*sample) for sample in loops.ticks[:200]) if state]
+    np.testing.assert_allclose(
+        planar.between(wanted, states[199].pose), planar.between(poses[148], poses[198]), atol=1e-9
+    )
+
+
+def test_reset_begins_anew(loops, fuse, fused):
+    estimator = FusionEstimator(loops.robot, keep_history=True)
+    for _ in range(2):
+        poses = []
+        for stamp_s, is_camera, data in loops.events():
+            if is_camera:
+                estimator.add_keyframes(data)
+                estimator.add_frame(data)
+            else:
+                state = estimator.add_wheel_ticks(stamp_s, *data)
+                poses += [] if state is None else [state.pose]
+        assert np.array(poses).tobytes() == fused.poses.tobytes()
+        estimator.reset()
+
+
+def test_images_without_wheels_give_no_pose(loops):
+    estimator = FusionEstimator(loops.robot)
+    for status in loops.statuses[:200]:
+        assert estimator.add_keyframes(status) is None
+        assert estimator.add_frame(status) is None
+    assert np.isnan(estimator.scale.value)
+
+
+def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, truth, fuse):
+    drive = simulate("loops", 20.0, 1, truth())
+    begin = drive.stamps[0]
+    silent = [sample for sample in drive.ticks if not 10.0 < sample[0] - begin < 13.0]
+    estimator, outputs = FusionEstimator(drive.robot), []
+    for stamp_s, is_camera, data in dataclasses.replace(drive, ticks=silent).events():
+        if is_camera:
+            outputs += [estimator.add_keyframes(data), estimator.add_frame(data)]
+        else:
+            outputs.append(estimator.add_wheel_ticks(stamp_s, *data))
+    outputs = [state for state in outputs if state is not None]
+    blind = [state for state in outputs if 11.0 < state.stamp_s - begin < 12.9]
+    assert len(blind) > 40
+    for state in blind:
+        assert state.state is FusionState.DEGRADED
+        assert any(reason.startswith("wheels: silent") for reason in state.reasons)
+        assert np.hypot(*(state.pose - drive.pose_at(state.stamp_s))[:2]) < 0.1
+    assert outputs[-1].state is FusionState.CONVERGED
+    assert np.hypot(*(outputs[-1].pose - drive.pose_at(outputs[-1].stamp_s))[:2]) < 0.1
+    assert (np.diff([state.stamp_s for state in outputs]) > 0).all()
+
+
+def test_a_silent_camera_is_reported(loops, fuse):
+    begin = loops.stamps[0]
+    quiet = dataclasses.replace(loops, statuses=[s for s in loops.statuses if not 10.0 < s.stamp_s - begin < 13.0])
+    fused = fuse(quiet)
+    assert any(reason.startswith("camera: silent") for reason in fused.reasons(11.5, 12.9))
+    assert fused.reasons(14.5, 25.0) == set()
+
+
+def test_a_covered_lens_is_reported_and_the_wheels_go_on(simulate, truth, fuse):
+    clear = truth(ratio=0.01, base=0.01)
+    fused = fuse(simulate("loops", 30.0, 5, dataclasses.replace(clear, losses=((12.0, 17.0),))))
+    assert fused.reasons(12.2, 16.9) == {"camera: lost (covered)"}
+    assert "scale: of segment 1 not known yet" in fused.reasons(17.0, 19.0)
+    assert fused.reasons(21.0, 30.0) == set()
+    assert largest_jump(fused) < 0.02
+    drift = np.hypot(*drift_of_wheels(fused, 12.0, 17.0)[:2])
+    assert np.hypot(*(fused.poses[-1] - fused.truth(fused.stamps[-1:])[0])[:2]) < drift + 0.02 + yaw_lever(fused, 17.0)
+
+
+def drift_of_wheels(fused, start_s, end_s):
+    """Error of the wheels' motion over an interval."""
+    first, last = np.searchsorted(fused.stamps - fused.drive.stamps[0], [start_s, end_s])
+    true = fused.truth(fused.stamps[[first, last]])
+    return planar.between(planar.between(*true), planar.between(fused.wheel_poses[first], fused.wheel_poses[last]))
+
+
+def yaw_lever(fused, since_s):
+    """How far the yaw that the wheels lost while blind moves the end of the drive."""
+    true = fused.truth([fused.drive.stamps[0] + since_s, fused.stamps[-1]])
+    return abs(drift_of_wheels(fused, 12.0, 17.0)[2]) * np.hypot(*(true[1] - true[0])[:2])
+
+
+def test_slip_is_reported_and_does_little_harm(simulate, truth, fuse):
+    slips = ((8.0, 8.5), (15.0, 15.5))
+    fused = fuse(simulate("loops", 22.0, 6, truth(slips=slips)))
+    begin = fused.drive.stamps[0]
+    assert [(round(r.start_s - begin), round(r.end_s - begin)) for r in fused.estimator.slips] == [(8, 9), (15, 16)]
+    assert "wheels: slip" in fused.reasons(8.2, 8.9)
+    assert fused.reasons(10.0, 14.8) == set()
+    assert largest_jump(fused) < 0.1  # the wheels themselves jump until the first image contradicts them
+    assert fused.ate(fused.stamps, fused.poses) < 0.1 * fused.ate(fused.stamps, fused.wheel_poses)
+
+
+def test_a_jump_of_the_visual_scale_is_noticed_and_followed(simulate, truth, fuse):
+    fused = fuse(simulate("loops", 30.0, 7, truth(scale_jumps=((12.0, 1.15),))))
+    assert "scale: jumped" in fused.reasons(12.0, 15.0)
+    assert abs(fused.scale_error()) < 0.01
+    assert fused.estimator.slips == []
+    assert fused.ate(fused.stamps, fused.poses) < 0.05
+
+
+def test_a_motion_off_the_floor_is_not_used(loops, fuse, fused):
+    def lifted(status):
+        if not status.keyframes or status.keyframe_id != 50:
+            return status
+        keyframes = [dataclasses.replace(k, T_world_camera=k.T_world_camera.copy()) for k in status.keyframes]
+        keyframes[-1].T_world_camera[2, 3] += 0.1
+        return dataclasses.replace(status, keyframes=tuple(keyframes))
+
+    spoilt = fuse(dataclasses.replace(loops, statuses=[lifted(status) for status in loops.statuses]))
+    assert any("floor" in reason for state in spoilt.states for reason in state.reasons)
+    np.testing.assert_allclose(spoilt.poses[-1], fused.poses[-1], atol=0.02)
+
+
+def test_a_time_offset_of_the_camera_is_taken_into_account(simulate, truth, fuse):
+    late = simulate("loops", 25.0, 8, truth(camera_delay_s=0.05))
+    known = dataclasses.replace(late.robot, camera_time_offset_s=-0.05)
+    right = fuse(dataclasses.replace(late, robot=known))
+    wrong = fuse(late)
+    assert right.ate(right.stamps, right.poses) < 0.5 * wrong.ate(wrong.stamps, wrong.poses)
+
+
+def test_prediction_is_the_motion_of_the_camera_in_its_own_unit(loops):
+    estimator, checked = FusionEstimator(loops.robot), 0
+    before = None
+    for stamp_s, is_camera, data in loops.events():
+        if not is_camera:
+            estimator.add_wheel_ticks(stamp_s, *data)
+            continue
+        if before is not None and data.state is TrackingState.TRACKING and estimator.scale.converged:
+            motion = estimator.predict_camera_motion(before.stamp_s, data.stamp_s)
+            if before.keyframe_id == data.keyframe_id:
+                seen = np.linalg.inv(before.T_keyframe_camera) @ data.T_keyframe_camera
+                error = seen[:3, 3] - motion.T_start_end[:3, 3]
+                sigma = np.sqrt(np.diag(motion.covariance)[:3])
+                assert (np.abs(error) < 5.0 * sigma + 1e-3).all()
+                assert np.linalg.norm(error) < 0.003
+                checked += 1
+        estimator.add_keyframes(data)
+        estimator.add_frame(data)
+        before = data if data.state is TrackingState.TRACKING else None
+    assert checked > 200
+
+
+def test_prediction_needs_wheels_and_a_keyframe(loops):
+    assert FusionEstimator(loops.robot).predict_camera_motion(0.0, 0.1) is None
+
+
+def test_a_lost_image_before_anything_else_is_no_harm(loops):
+    estimator = FusionEstimator(loops.robot)
+    status = OdometryStatus(loops.stamps[0], TrackingState.LOST, 0, message="dark")
+    estimator.add_keyframes(status)
+    estimator.add_frame(status)
+    states = [estimator.add_wheel_ticks(*sample) for sample in loops.ticks[:5]]
+    assert "camera: lost (dark)" in states[-1].reasons
+
+
+def test_corrections_are_no_larger_than_configured(loops, fuse):
+    narrow = FusionConfig(output=OutputConfig(max_correction_m=0.001, max_correction_rad=0.001))
+    fused = fuse(loops, narrow)
+    assert largest_jump(fused) < 0.001 + 0.002  # and the wheels' own noise
