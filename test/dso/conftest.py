@@ -1,0 +1,6 @@
+"""Makes `synthetic` importable from the test files of this directory."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
