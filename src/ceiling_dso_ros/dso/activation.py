@@ -34,7 +34,7 @@ class Activator:
         self._distance2 = np.zeros(((window.height + 1) // 2, (window.width + 1) // 2), np.int32)
 
     def activate(self, window: KeyframeWindow) -> int:
-        """Move ripe candidates to the window's points; drops candidates that failed. Returns how many were activated."""
+        """Move ripe candidates to the window's points and drop those that failed. Returns how many were activated."""
         self._adapt_spacing(window.points.count)
         pairs = pair_geometry(window.keyframes, window.count, window.intrinsics)
         eligible = self._eligible(window)
@@ -53,7 +53,7 @@ class Activator:
             candidates.weight[:, ripe], idepths[good], candidates.host[ripe], inliers[:, good],
         )  # fmt: skip
         keep = candidates.status[: window.candidates.count] != status.DELETED
-        keep[chosen] = False
+        keep[chosen] = np.isinf(idepths)
         window.candidates.keep(keep)
         return int(ripe.size)
 
@@ -78,7 +78,8 @@ class Activator:
         reach = int(np.ceil(self.spacing * LARGEST_KIND))
         self._distance2[:] = FAR
         points, count = window.points.arrays, window.points.count
-        x, y, _ = self._project(window, pairs, points.u[:count], points.v[:count], points.idepth[:count], points.host[:count])
+        active = (points.u[:count], points.v[:count], points.idepth[:count], points.host[:count])
+        x, y, _ = self._project(window, pairs, *active)
         stamp_all(self._distance2, x, y, reach)
         candidates = window.candidates.arrays
         middle = 0.5 * (candidates.idepth_min[eligible] + candidates.idepth_max[eligible])

@@ -1,4 +1,4 @@
-"""Kernels that turn candidates into active points: spreading them over the newest keyframe, refining their inverse depth."""
+"""Kernels that turn candidates into active points: spread them over the newest keyframe, refine their depth."""
 
 import math
 from typing import Tuple
@@ -122,7 +122,7 @@ def refine_idepths(
 
     Args:
         chosen: (m,) int64 indices of candidates.
-        idepths: (m,) float32 output, nan where the candidate is not fit to become a point.
+        idepths: (m,) float32 output, nan where the candidate is not fit to become a point, inf where it may be later.
         inliers: (n slots, m) uint8 output, 1 for targets in which it is an inlier.
     """
     flags = np.zeros(inliers.shape[0], np.uint8)
@@ -148,6 +148,6 @@ def refine_idepths(
                 damping *= np.float32(5)
             if abs(step) < np.float32(1e-4) * idepth:
                 break
-        usable = hessian >= min_hessian and flags.sum() > 0 and idepth > ZERO and math.isfinite(idepth)
-        idepths[k] = idepth if usable else np.nan
+        seen = flags.sum() > 0 and idepth > ZERO and math.isfinite(idepth)
+        idepths[k] = (idepth if hessian >= min_hessian else np.inf) if seen else np.nan
         inliers[:, k] = flags

@@ -43,7 +43,7 @@ def null_space(window: KeyframeWindow) -> np.ndarray:
 
 
 def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Step x of H x = -b, H symmetric positive semi-definite (n, n) float64, after scaling the diagonal to about one."""
+    """Step x of H x = -b for H symmetric positive semi-definite (n, n) float64; scales its diagonal to about one."""
     scale = 1.0 / np.sqrt(np.diag(H) + PRECONDITIONER)
     scaled = scale[:, None] * H * scale
     scaled[np.diag_indices_from(scaled)] *= 1.0 + DAMPING
@@ -59,7 +59,16 @@ class BundleAdjustment:
         self.affine_information = np.array([config.affine_a_information, config.affine_b_information])
 
     def optimize(self, window: KeyframeWindow) -> float:
-        """Refine the window; removes residuals that end as outliers or outside. Returns the RMSE in grey levels."""
+        """Refine the window; removes residuals that end as outliers or outside.
+
+        Returns the RMSE in grey levels, nan when the window has no solution any more.
+        """
+        try:
+            return self._refine(window)
+        except np.linalg.LinAlgError:
+            return float("nan")
+
+    def _refine(self, window: KeyframeWindow) -> float:
         iterations = self.config.iterations if window.count >= 4 else self.config.first_iterations
         window.relinearize(window.newest)
         self._linearize(window)

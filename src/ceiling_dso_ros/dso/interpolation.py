@@ -1,7 +1,7 @@
 """Bilinear samples of an image and its gradient. Images are flat float32 arrays, row after row.
 
-The gradient is the bilinear interpolation of central differences, taken from twelve pixels of the image itself: the same
-numbers as sampling gradient images, with a third of the memory traffic.
+The gradient is the bilinear interpolation of central differences, taken from twelve pixels of the image itself: the
+same numbers as sampling gradient images, with a third of the memory traffic.
 """
 
 from typing import Tuple
@@ -47,7 +47,10 @@ def sample_gradient(
     a, b, c, d = image[p], image[p + one], image[q], image[q + one]
     value = w00 * a + w01 * b + w10 * c + w11 * d
     grad_x = HALF * (
-        w00 * (b - image[p - one]) + w01 * (image[p + two] - a) + w10 * (d - image[q - one]) + w11 * (image[q + two] - c)
+        w00 * (b - image[p - one])
+        + w01 * (image[p + two] - a)
+        + w10 * (d - image[q - one])
+        + w11 * (image[q + two] - c)
     )
     grad_y = HALF * (
         w00 * (c - image[above])

@@ -1,8 +1,8 @@
 """How every kernel of the odometry is compiled: one place for numba's options.
 
-`kernel` compiles a function to machine code, caches it on disk and releases the GIL while it runs. Division follows numpy
-(no exception on zero), without which LLVM cannot vectorise loops that divide. Sums may be reordered and multiplications
-fused, but NaN and infinity keep their meaning.
+`kernel` compiles a function to machine code, caches it on disk and releases the GIL while it runs. Division follows
+numpy (no exception on zero), without which LLVM cannot vectorise loops that divide. Sums may be reordered and
+multiplications fused, but NaN and infinity keep their meaning.
 
 `kernel_noalias` adds the promise that no array a kernel writes overlaps another argument, as C's `restrict`. Loops that
 gather from one array and store to another vectorise only with it. numba has the flag but no public option; where a

@@ -38,8 +38,12 @@ def needs_keyframe(
     return bool(score > 1.0)
 
 
-def keyframes_to_marginalize(window: KeyframeWindow, config: WindowConfig) -> List[int]:
-    """Slots that leave before the next keyframe is added: nearly empty or too different ones, then the least useful."""
+def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, config: WindowConfig) -> List[int]:
+    """Slots that leave when a keyframe is added: nearly empty or too different ones, then the least useful.
+
+    Args:
+        position: (3,) of the new keyframe in the world.
+    """
     n = window.count
     flagged: List[int] = []
     points = np.diff(window.points.host_ranges(n)) + np.diff(window.candidates.host_ranges(n))
@@ -51,19 +55,17 @@ def keyframes_to_marginalize(window: KeyframeWindow, config: WindowConfig) -> Li
         if nearly_empty or abs(log_gain[slot] - log_gain[-1]) > MAX_BRIGHTNESS_CHANGE:
             flagged.append(slot)
     if n - len(flagged) >= config.max_keyframes:
-        flagged.append(least_useful(window))
+        flagged.append(least_useful(window, position))
     return sorted(set(flagged))
 
 
-def least_useful(window: KeyframeWindow) -> int:
-    """The keyframe, not of the newest two, that is far from the newest and close to others."""
-    n = window.count
-    positions = np.array([window.T_world_camera(slot)[:3, 3] for slot in range(n)])
-    distance = np.linalg.norm(positions[:, None] - positions[None], axis=2)
-    scores = np.full(n, -np.inf)
-    for slot in range(n - 2):
-        others = np.delete(distance[slot], [slot, n - 1])
-        scores[slot] = np.sqrt(distance[slot, -1]) * np.sum(1.0 / (1e-5 + others))
+def least_useful(window: KeyframeWindow, position: np.ndarray) -> int:
+    """The slot, not the newest, that is far from the new keyframe and close to others: the rest stays spread out."""
+    older = window.count - 1
+    positions = np.array([window.T_world_camera(slot)[:3, 3] for slot in range(older)])
+    closeness = 1.0 / (1e-5 + np.linalg.norm(positions[:, None] - positions[None], axis=2))
+    np.fill_diagonal(closeness, 0.0)
+    scores = np.sqrt(np.linalg.norm(positions - position, axis=1)) * closeness.sum(axis=1)
     return int(np.argmax(scores))
 
 

@@ -1,4 +1,4 @@
-"""Linearisation of the whole window: residual states, normal equations per host, Schur complement over inverse depths."""
+"""Linearisation of the window: residual states, normal equations per host, Schur complement over inverse depths."""
 
 from typing import NamedTuple
 
@@ -51,9 +51,7 @@ def scratch_memory(slots: int, capacity: int) -> Scratch:
 
 
 @kernel
-def classify(
-    live: np.ndarray, state: np.ndarray, energy: np.ndarray, threshold: np.float32, sums: PixelSums
-) -> tuple:
+def classify(live: np.ndarray, state: np.ndarray, energy: np.ndarray, threshold: np.float32, sums: PixelSums) -> tuple:
     """Decide which residuals of a pair are inliers and silence the others' sums.
 
     Returns:
@@ -247,7 +245,7 @@ def linearize_window(
     pairs: PairGeometry, images: np.ndarray, width: int, height: int, intrinsics: np.ndarray,
     scratch: Scratch, H: np.ndarray, b: np.ndarray,
 ) -> tuple:  # fmt: skip
-    """Normal equations of all residuals, inverse depths eliminated, into H and b = J^T W r; returns energy and count."""
+    """Normal equations of all residuals without the inverse depths into H and b = J^T W r; returns energy, count."""
     H[:] = 0.0
     b[:] = 0.0
     end = INTRINSICS + RELATIVE_PARAMETERS * n
@@ -258,8 +256,9 @@ def linearize_window(
         if first == last:
             continue
         host_energy, host_count = linearize_host(
-            host, n, first, last, points, residuals, keyframes, pairs, images, width, height, intrinsics, scratch, system
-        )
+            host, n, first, last, points, residuals, keyframes, pairs, images, width, height, intrinsics, scratch,
+            system,
+        )  # fmt: skip
         energy += host_energy
         count += host_count
         subtract_schur(host, n, first, last, points, residuals.idepth_relative, scratch, system)

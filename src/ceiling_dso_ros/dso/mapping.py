@@ -5,6 +5,7 @@ from typing import List, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.activation import Activator
 from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, marginalize_keyframe
 from ceiling_dso_ros.dso.camera import PinholeCamera
@@ -23,6 +24,10 @@ from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWin
 
 # Information that holds the first keyframe of a segment: translation, rotation, a, b.
 FIRST_KEYFRAME_INFORMATION = np.array([4e10, 4e10, 4e10, 1e11, 1e11, 1e11, 1e12, 1e8])
+
+
+class WindowLostError(Exception):
+    """The window has no solution any more; the segment ends. Never leaves the odometry."""
 
 
 @dataclass(frozen=True)
@@ -103,18 +108,22 @@ class Mapper:
                 self._max_search,
             )  # fmt: skip
 
-    def add_keyframe(
-        self, frame: Frame, timer: StageTimer
-    ) -> Tuple[TrackingReference, Tuple[KeyframeEstimate, ...]]:
-        """Make a frame, already traced, a keyframe. Returns the reference for the next frames and the refined window."""
+    def add_keyframe(self, frame: Frame, timer: StageTimer) -> Tuple[TrackingReference, Tuple[KeyframeEstimate, ...]]:
+        """Make a frame, already traced, a keyframe. Returns the reference for the next frames and the refined window.
+
+        Raises:
+            WindowLostError: the bundle adjustment has no solution.
+        """
         window = self.window
-        leaving = keyframes_to_marginalize(window, self._config.window)
+        leaving = keyframes_to_marginalize(window, se3.inverse(frame.T_camera_world)[:3, 3], self._config.window)
         self._append(frame)
         window.points.add_target(window.newest)
         with timer.stage("activate"):
             self._activator.activate(window)
         with timer.stage("optimize"):
             self.rmse = self._adjustment.optimize(window)
+        if not np.isfinite(self.rmse):
+            raise WindowLostError("the bundle adjustment has no solution")
         with timer.stage("reference"):
             reference = self._references.build(window)
         estimates = window.estimates(self._segment, tuple(leaving))
@@ -141,15 +150,12 @@ class Mapper:
         if fate.marginalize.any():
             self._adjustment.marginalize_points(window, fate.marginalize)
         gone = fate.marginalize | fate.drop
-        for slot, number in enumerate(np.bincount(window.points.arrays.host[: gone.size][gone], minlength=window.count)):
+        for slot, number in enumerate(
+            np.bincount(window.points.arrays.host[: gone.size][gone], minlength=window.count)
+        ):
             window.gone_points[slot] += int(number)
         window.points.keep(~gone)
 
     def pose_of(self, keyframe_id: int) -> np.ndarray:
         """T_world_camera of a keyframe in the window."""
         return self.window.T_world_camera(self.window.ids.index(keyframe_id))
-
-    def release(self) -> None:
-        """Give all images back."""
-        for slot in range(self.window.count):
-            self.window.pool.release(int(self.window.keyframes.image_slot[slot]))

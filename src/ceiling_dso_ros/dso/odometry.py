@@ -1,7 +1,7 @@
 """Direct Sparse Odometry: from images to poses."""
 
 from dataclasses import replace
-from typing import Any, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.initialization import Initializer
 from ceiling_dso_ros.dso.keyframe_policy import needs_keyframe
-from ceiling_dso_ros.dso.mapping import Frame, Mapper
+from ceiling_dso_ros.dso.mapping import Frame, Mapper, WindowLostError
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 from ceiling_dso_ros.dso.selection import PixelSelector
 from ceiling_dso_ros.dso.stage_timer import StageTimer
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
-from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses
+from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses, pose_covariance
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 
 EXTRA_IMAGES = 3  # beside the window's: the frame in work, the initialiser's first frame, one that is about to leave
@@ -24,8 +24,8 @@ EXTRA_IMAGES = 3  # beside the window's: the frame in work, the initialiser's fi
 class DirectOdometry:
     """Tracks a camera over a stream of images.
 
-    Frames are first collected until there is parallax for a map, then each is tracked against the newest keyframe; those
-    that moved enough become keyframes themselves. When tracking fails, the next frame starts a new segment.
+    Frames are first collected until there is parallax for a map, then each is tracked against the newest keyframe;
+    those that moved enough become keyframes themselves. When tracking fails, the next frame starts a new segment.
     """
 
     def __init__(self, camera: PinholeCamera, config: OdometryConfig = OdometryConfig()) -> None:
@@ -61,7 +61,7 @@ class DirectOdometry:
         with self._timer.stage("track"):
             tracked = self._track(frame)
         if tracked is None:
-            return self._lose(frame)
+            return self._lose(frame, "no motion explains this image")
         frame = self._located(frame, tracked)
         with self._timer.stage("trace"):
             self._mapper.trace(frame)
@@ -73,7 +73,8 @@ class DirectOdometry:
     def _new_frame(self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float]) -> Frame:
         if image.shape != (self.camera.height, self.camera.width):
             raise ValueError(
-                f"image of {image.shape[1]}x{image.shape[0]} pixels, the camera has {self.camera.width}x{self.camera.height}"
+                f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
+                f"the camera has {self.camera.width}x{self.camera.height}"
             )
         exposure = exposure_ms if exposure_ms is not None and exposure_ms > 0 else 1.0
         return Frame(stamp_s, exposure, self._pool.build(image), np.eye(4), np.zeros(2))
@@ -113,10 +114,10 @@ class DirectOdometry:
         T_camera_world = tracked.T_frame_reference @ self._reference.T_camera_world
         return replace(frame, T_camera_world=T_camera_world, affine=tracked.affine)
 
-    def _lose(self, frame: Frame) -> OdometryStatus:
-        self._pool.release(frame.image_slot)
-        self._mapper.release()
-        status = self._without_pose(frame, TrackingState.LOST, "no motion explains this image")
+    def _lose(self, frame: Frame, reason: str) -> OdometryStatus:
+        """Give up the segment; the next image starts another one."""
+        self._pool.release_all()
+        status = self._without_pose(frame, TrackingState.LOST, reason)
         self._segment += 1
         self._next_keyframe_id = self._mapper.next_id
         self._start_over()
@@ -133,7 +134,10 @@ class DirectOdometry:
         )
 
     def _make_keyframe(self, frame: Frame, tracked: Optional[TrackedFrame]) -> OdometryStatus:
-        self._reference, estimates = self._mapper.add_keyframe(frame, self._timer)
+        try:
+            self._reference, estimates = self._mapper.add_keyframe(frame, self._timer)
+        except WindowLostError as error:
+            return self._lose(frame, str(error))
         self._first_rmse = np.inf
         refined = replace(frame, T_camera_world=self._reference.T_camera_world, affine=self._reference.affine)
         status = self._remember(refined, tracked)
@@ -162,6 +166,7 @@ class DirectOdometry:
             state=TrackingState.TRACKING,
             segment=self._segment,
             T_world_camera=self._last_pose,
+            covariance=None if tracked is None else pose_covariance(tracked, frame.T_camera_world),
             keyframe_id=self._reference.keyframe_id,
             T_keyframe_camera=T_keyframe_camera,
             rmse=self._last_rmse,
@@ -171,7 +176,7 @@ class DirectOdometry:
     def _without_pose(self, frame: Frame, state: TrackingState, message: str) -> OdometryStatus:
         return OdometryStatus(frame.stamp_s, state, self._segment, message=message, **self._counts())
 
-    def _counts(self) -> "dict[str, Any]":
+    def _counts(self) -> Dict[str, Any]:
         window = self._mapper.window
         return {
             "active_points": window.points.count,

@@ -1,4 +1,4 @@
-"""Relative geometry and brightness of every host-target pair of keyframes, at the estimate and at the evaluation point."""
+"""Relative geometry and brightness of every host-target pair, at the estimate and at the evaluation point."""
 
 from typing import NamedTuple
 

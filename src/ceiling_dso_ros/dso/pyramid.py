@@ -87,3 +87,7 @@ class PyramidPool:
     def release(self, slot: int) -> None:
         """Give a slot back."""
         self._free.append(slot)
+
+    def release_all(self) -> None:
+        """Give every slot back."""
+        self._free = list(range(self.buffers.shape[0]))

@@ -1,9 +1,9 @@
 """Kernels that linearise the photometric residuals of one host-target pair, equations (4) to (8).
 
-Everything is a struct of arrays over the points of the host, and every loop runs over points, so that it vectorises. The
-Jacobian of a residual splits into the image gradient and brightness at the current estimate (per pixel) and the geometry
-at the evaluation point (once per residual, first-estimate Jacobians). So the eight pixels reduce to the thirteen sums of
-`PixelSums`, from which the normal equations of the residual follow.
+Everything is a struct of arrays over the points of the host, and every loop runs over points, so that it vectorises.
+The Jacobian of a residual splits into the image gradient and brightness at the current estimate (per pixel) and the
+geometry at the evaluation point (once per residual, first-estimate Jacobians). So the eight pixels reduce to the sums
+of `PixelSums`, from which the normal equations of the residual follow.
 """
 
 from typing import NamedTuple, Tuple
@@ -126,8 +126,8 @@ def projection_jacobian(
     """Derivatives of the projected pixel of equation (5).
 
     Returns:
-        Twenty-two float32: d x / d (fx, fy, cx, cy, translation, rotation, idepth), then the same for y. Translation and
-        rotation are a left increment on the motion (R, t) from host to target.
+        Twenty-two float32: d x / d (fx, fy, cx, cy, translation, rotation, idepth), then the same for y. Translation
+        and rotation are a left increment on the motion (R, t) from host to target.
     """
     x_host, y_host = (u - cx) / fx, (v - cy) / fy
     z_inverse = ONE / (R[2, 0] * x_host + R[2, 1] * y_host + R[2, 2] + t[2] * idepth)

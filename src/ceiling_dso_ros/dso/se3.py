@@ -1,4 +1,4 @@
-"""Rigid motions as (4, 4) float64 matrices, with tangent vectors (translation, rotation); compiled, usable from kernels.
+"""Rigid motions as (4, 4) float64 matrices with tangent vectors (translation, rotation), usable from kernels.
 
 Increments multiply from the left: exp(xi) @ T, equation (6). Formulas: Sola, Deray, Atchuthan, "A micro Lie theory".
 """
@@ -12,7 +12,7 @@ from ceiling_dso_ros.dso.jit import kernel
 
 @kernel
 def hat(w: np.ndarray) -> np.ndarray:
-    """The (3, 3) matrix with hat(w) @ v = cross(w, v)."""
+    """Matrix (3, 3) of the cross product with w."""
     m = np.zeros((3, 3))
     m[0, 1], m[0, 2], m[1, 2] = -w[2], w[1], -w[0]
     m[1, 0], m[2, 0], m[2, 1] = w[2], -w[1], w[0]
@@ -21,7 +21,7 @@ def hat(w: np.ndarray) -> np.ndarray:
 
 @kernel
 def exp(xi: np.ndarray) -> np.ndarray:
-    """exp of a tangent vector (6,): the (4, 4) motion."""
+    """Motion (4, 4) of a tangent vector (6,)."""
     w = xi[3:6]
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     angle = math.sqrt(angle2)

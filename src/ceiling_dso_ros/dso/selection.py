@@ -1,8 +1,9 @@
 """Which pixels of a keyframe become candidate points: well spread, each where the image is rich for its neighbourhood.
 
 The threshold follows the image: the median gradient of its 32x32 block plus a margin. A grid of cells then takes the
-strongest pixel of each cell, measured along a direction drawn for the cell; cells two and four times as large, with lower
-thresholds on coarser levels, fill what the fine ones left empty. The cell size adapts until the wanted number is met.
+strongest pixel of each cell, measured along a direction drawn for the cell; cells two and four times as large, with
+lower thresholds on coarser levels, fill what the fine ones left empty. The cell size adapts until the wanted number is
+met.
 """
 
 from dataclasses import dataclass
@@ -106,7 +107,8 @@ def strongest_in_cell(
 @kernel
 def cell_direction(x: int, y: int, level: int) -> int:
     """A fixed pseudo-random direction 0..15 for a cell: the same image always gives the same points."""
-    mixed = np.uint32(x) * np.uint32(73856093) ^ np.uint32(y) * np.uint32(19349663) ^ np.uint32(level) * np.uint32(83492791)
+    mixed = np.uint32(x) * np.uint32(73856093) ^ np.uint32(y) * np.uint32(19349663)
+    mixed ^= np.uint32(level) * np.uint32(83492791)
     mixed = (mixed ^ (mixed >> np.uint32(13))) * np.uint32(0x5BD1E995)
     return np.int64((mixed >> np.uint32(15)) & np.uint32(15))
 

@@ -63,6 +63,13 @@ def motion_hypotheses(T_last_reference: np.ndarray, T_last_previous: np.ndarray)
             yield se3.exp(SEARCH_ANGLE * np.array([0.0, 0.0, 0.0, *axes])) @ constant
 
 
+def pose_covariance(tracked: TrackedFrame, T_camera_world: np.ndarray) -> np.ndarray:
+    """Covariance (6, 6) of (translation, rotation), a left increment on T_world_camera, from the tracking Hessian."""
+    information = tracked.information + 1e-6 * np.trace(tracked.information) * np.eye(6)
+    adjoint = se3.adjoint(se3.inverse(T_camera_world))
+    return tracked.rmse**2 * adjoint @ np.linalg.inv(information) @ adjoint.T
+
+
 class FrameTracker:
     """Tracks frames. Holds scratch memory and the last error only."""
 

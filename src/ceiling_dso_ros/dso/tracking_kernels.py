@@ -144,15 +144,24 @@ def accumulate(
         h78 += w7 * residual
         w8 = weight * residual
         h88 += w8 * residual
-    system[0, 0], system[0, 1], system[0, 2], system[0, 3], system[0, 4], system[0, 5], system[0, 6], system[0, 7], system[0, 8] = h00, h01, h02, h03, h04, h05, h06, h07, h08
-    system[1, 1], system[1, 2], system[1, 3], system[1, 4], system[1, 5], system[1, 6], system[1, 7], system[1, 8] = h11, h12, h13, h14, h15, h16, h17, h18
-    system[2, 2], system[2, 3], system[2, 4], system[2, 5], system[2, 6], system[2, 7], system[2, 8] = h22, h23, h24, h25, h26, h27, h28
-    system[3, 3], system[3, 4], system[3, 5], system[3, 6], system[3, 7], system[3, 8] = h33, h34, h35, h36, h37, h38
-    system[4, 4], system[4, 5], system[4, 6], system[4, 7], system[4, 8] = h44, h45, h46, h47, h48
-    system[5, 5], system[5, 6], system[5, 7], system[5, 8] = h55, h56, h57, h58
-    system[6, 6], system[6, 7], system[6, 8] = h66, h67, h68
-    system[7, 7], system[7, 8] = h77, h78
-    system[8, 8] = h88
+    row = system[0]
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8] = h00, h01, h02, h03, h04, h05, h06, h07, h08
+    row = system[1]
+    row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8] = h11, h12, h13, h14, h15, h16, h17, h18
+    row = system[2]
+    row[2], row[3], row[4], row[5], row[6], row[7], row[8] = h22, h23, h24, h25, h26, h27, h28
+    row = system[3]
+    row[3], row[4], row[5], row[6], row[7], row[8] = h33, h34, h35, h36, h37, h38
+    row = system[4]
+    row[4], row[5], row[6], row[7], row[8] = h44, h45, h46, h47, h48
+    row = system[5]
+    row[5], row[6], row[7], row[8] = h55, h56, h57, h58
+    row = system[6]
+    row[6], row[7], row[8] = h66, h67, h68
+    row = system[7]
+    row[7], row[8] = h77, h78
+    row = system[8]
+    row[8] = h88
     return np.float64(energy), in_view, saturated
 
 

@@ -140,7 +140,15 @@ class ReferenceBuilder:
         pairs = pair_geometry(window.keyframes, window.count, window.intrinsics)
         x, y, idepth = (np.empty(visible.size, np.float32) for _ in range(3))
         project(
-            points.u[visible], points.v[visible], points.idepth[visible], points.host[visible], pairs, newest, x, y, idepth
+            points.u[visible],
+            points.v[visible],
+            points.idepth[visible],
+            points.host[visible],
+            pairs,
+            newest,
+            x,
+            y,
+            idepth,
         )
         return x, y, idepth, np.sqrt(points.idepth_hessian[visible] + np.float32(1e-3))
 
