@@ -144,7 +144,7 @@ def test_the_same_seed_gives_the_same_file(tmp_path):
 
 def test_a_distorted_camera_says_so(tmp_path):
     camera = CameraModel(width=104, height=64, distortion=(-0.1, 0.02, 0.001, 0.0))
-    path = write(tmp_path / "lens.bag", simulated(duration_s=0.3, camera=camera))
+    path = write(tmp_path / "lens.bag", simulated(duration_s=0.5, camera=camera))
     lens = open_recording(path).calibration.lens
     assert lens.model == "RadTan"
     assert lens.distortion[:4] == camera.distortion

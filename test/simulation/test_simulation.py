@@ -138,7 +138,7 @@ def test_a_consumer_may_stop_early():
 
 
 def test_what_is_simulated_besides_changes_nothing():
-    plain, full = (Simulation(config(duration_s=0.4, imu=flag, stereo=flag, forward=False)) for flag in (False, True))
+    plain, full = (Simulation(config(duration_s=0.5, imu=flag, stereo=flag, forward=False)) for flag in (False, True))
     np.testing.assert_array_equal(plain.frame(5).image, full.frame(5).image)
     np.testing.assert_array_equal(plain.encoders.ticks, full.encoders.ticks)
 
@@ -204,6 +204,7 @@ def test_the_truth_tells_every_value():
         {"seed": -1},
         {"duration_s": -1.0},
         {"duration_s": float("nan")},
+        {"duration_s": 0.1},
         {"time_offset_s": 3.0},
         {"camera": CameraModel(width=850)},
     ],

@@ -145,7 +145,11 @@ CONTROL_STEP_S = 0.02
 
 
 class ExposureControl:
-    """The camera's automatic exposure: it follows the light with a lag, and drifts a little all the time."""
+    """The camera's automatic exposure: it follows the light with a lag, and drifts a little all the time.
+
+    Attributes:
+        phases: (4,) of the sines that the drift is made of, radians.
+    """
 
     def __init__(
         self, model: CameraModel, events: Sequence[Event], duration_s: float, rng: np.random.Generator
@@ -158,8 +162,8 @@ class ExposureControl:
         for i, target in enumerate(wanted):
             state += share * (target - state)
             followed[i] = state
-        phases = rng.uniform(0.0, 2 * np.pi, len(DRIFT_PERIODS_S))
-        waves = np.sin(2 * np.pi * self._time_s[:, None] / DRIFT_PERIODS_S + phases)
+        self.phases = rng.uniform(0.0, 2 * np.pi, len(DRIFT_PERIODS_S))
+        waves = np.sin(2 * np.pi * self._time_s[:, None] / DRIFT_PERIODS_S + self.phases)
         drift = model.exposure_drift * np.sqrt(2.0 / len(DRIFT_PERIODS_S)) * waves.sum(axis=1)
         self._exposure_ms = np.clip(REFERENCE_EXPOSURE_MS * np.exp(followed + drift), *EXPOSURE_LIMITS_MS)
 

@@ -49,7 +49,8 @@ class SimulationConfig:
         require(self.sequence in SEQUENCES, f"sequence '{self.sequence}': one of {', '.join(SEQUENCES)}")
         require(self.ceiling in CEILINGS, f"ceiling '{self.ceiling}': one of {', '.join(CEILINGS)}")
         require(0 <= self.seed < 2**32, f"seed {self.seed}: 0 to {2**32 - 1}")
-        require(0.0 <= self.duration_s <= 7200.0, f"duration {self.duration_s:g} s: up to 7200 s, 0 for one lap")
+        fits = self.duration_s == 0.0 or 0.5 <= self.duration_s <= 7200.0
+        require(fits, f"duration {self.duration_s:g} s: 0.5 to 7200 s, or 0 for one lap")
         require(abs(self.time_offset_s) <= 0.2, f"time offset {self.time_offset_s:g} s: -0.2 to 0.2")
         for name, limit in (("radius", 0.2), ("ratio", 0.2), ("wheel_base", 0.2), ("travel_noise_m", 0.05)):
             value = getattr(self.wheels, name)

@@ -231,9 +231,12 @@ class Simulation:
     def imu_readings(self) -> Iterator[ImuReading]:
         """All readings of the inertial unit, none if there is none."""
         if self.config.imu:
-            unit = InertialUnit(self.robot, self._rng("imu"))
+            unit = self._inertial_unit()
             for time_s in np.arange(0.01, self.duration_s, 1.0 / IMU_HZ):
                 yield ImuReading(stamp_ns(time_s), *unit.measure(time_s))
+
+    def _inertial_unit(self) -> InertialUnit:
+        return InertialUnit(self.robot, self._rng("imu"))
 
     def measurements(self) -> Iterator[Measurement]:
         """Everything in the order of the stamps."""
@@ -243,6 +246,7 @@ class Simulation:
     def truth(self) -> Dict[str, Any]:
         """Every true value and everything that was drawn at random, for a yaml file."""
         true, start = self.robot.true, self.robot.motion.poses(np.zeros(1))[0]
+        unit, lens = self._inertial_unit(), self.config.camera.lens
         return {
             "config": asdict(self.config),
             "duration_s": self.duration_s,
@@ -255,8 +259,12 @@ class Simulation:
             "first_ticks": self.encoders.ticks[0].tolist(),
             "T_base_camera": true.T_base_camera.tolist(),
             "camera_time_offset_s": self.config.time_offset_s,
-            "camera_intrinsics": self.config.camera.pinhole.parameters.tolist(),
+            "camera_fx_fy_cx_cy": [lens.fx, lens.fy, lens.cx, lens.cy],
+            "exposure_drift_phases": self._exposure.phases.tolist(),
             "vibration_hz_and_phase": self.robot.tones.tolist(),
+            "imu_gyro_bias": unit.gyro_bias.tolist(),
+            "imu_acceleration_bias": unit.acceleration_bias.tolist(),
+            "lamps": [lamp.position.tolist() for lamp in self.hall.lamps],
         }
 
 
