@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """What dso_node does with images, good and bad, whatever they show."""
 
+import subprocess
 import sys
 import unittest
 
@@ -51,6 +52,18 @@ class DsoNodeMechanics(unittest.TestCase):
             lambda: self.player.play(self.next_image()).state == VisualOdometryStatus.INITIALIZING,
             "the calibration is not taken up",
         )
+
+    def test_wrong_parameters_are_refused_in_one_line(self):
+        for parameter, complaint in [
+            ("_calibration:=/nowhere/camera.txt", "/nowhere/camera.txt"),
+            ("_settings:=/nowhere/settings.yaml", "/nowhere/settings.yaml"),
+            ("_image_transport:=pigeon", "pigeon"),
+        ]:
+            command = ["rosrun", "ceiling_dso_ros", "dso_node", "__name:=refused", parameter]
+            node = subprocess.run(command, capture_output=True, text=True, timeout=60)
+            self.assertEqual(node.returncode, 2)
+            self.assertIn(complaint, node.stderr)
+            self.assertEqual(len(node.stderr.strip().splitlines()), 1)
 
     def test_status_is_that_of_the_image(self):
         image = self.next_image()

@@ -2,6 +2,7 @@
 
 import math
 import time
+from pathlib import Path
 from typing import Optional, Tuple, Union
 
 import rospy
@@ -62,7 +63,8 @@ class DsoServer:
         transport = rospy.get_param("~image_transport", "raw")
         if transport not in ("raw", "compressed"):
             raise InputError(f"{rospy.resolve_name('~image_transport')}: '{transport}' is not raw or compressed")
-        self._config = load_settings(rospy.get_param("~settings", "") or None, [])
+        settings_file = rospy.get_param("~settings", "")
+        self._config = load_settings(Path(settings_file) if settings_file else None, [])
         self._frame_id = rospy.get_param("~frame_id", "vo")
         self._camera_frame_id = rospy.get_param("~camera_frame_id", "")
         self._rectified = rospy.get_param("~rectified", False)

@@ -52,9 +52,8 @@ class OdometryPublisher:
         if status.keyframes:
             self._keyframes.publish(keyframes_message(header, status.keyframes))
         if status.T_world_camera is not None:
-            covariance = self._settings.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)
             self._last_pose = status.T_world_camera
-            self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, covariance))
+            self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, self._covariance(status)))
             self._publish_pose(PoseStamped(header, pose_from_matrix(self._last_pose)), status.segment)
         elif self._last_pose is not None:
             # The last pose, of which nothing is known any more: those who take odometry expect it to go on.
@@ -76,6 +75,11 @@ class OdometryPublisher:
         if self._path.get_num_connections() > 0 and now_s >= self._path_time_s + self._settings.path_period:
             self._path.publish(Path(pose.header, self._poses))
             self._path_time_s = now_s
+
+    def _covariance(self, status: OdometryStatus) -> np.ndarray:
+        if status.covariance is None:  # the pose that a segment begins with: initialisation gives none
+            return unknown_covariance()
+        return self._settings.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
         self._settings = settings
