@@ -10,7 +10,7 @@ SMALL = {"width": 212, "height": 120}
 
 def develop(model, level, seed=0):
     radiance = np.full((model.height, model.width), level / 255.0, dtype=np.float32)
-    return model.develop(radiance, 1.0, np.random.default_rng(seed)).astype(float)
+    return model.develop(radiance, np.random.default_rng(seed)).astype(float)
 
 
 @pytest.mark.parametrize("level", [0.0, 10.3, 60.0, 143.7, 230.0])

@@ -6,7 +6,7 @@ from ceiling_dso_ros.simulation.events import (
     LIGHTS_OFF_LEVEL,
     Event,
     EventError,
-    cover_mask,
+    covered_light,
     flicker_factor,
     is_dropped,
     light_level,
@@ -68,10 +68,15 @@ def test_most_images_of_a_gap_are_dropped_and_none_outside():
 
 def test_a_cover_slides_over_the_lens_and_away():
     events = parse_events(["cover@2+3"], 10.0)
-    assert (cover_mask(events, 1.9, 848) == 1.0).all()
-    arriving = cover_mask(events, 2.1, 848)
-    assert arriving[0] < 0.1 and arriving[-1] == 1.0
-    assert (cover_mask(events, 3.5, 848) < 0.05).all()
-    leaving = cover_mask(events, 5.1, 848)
-    assert leaving[0] == 1.0 and leaving[-1] < 0.1
-    assert (cover_mask(events, 5.5, 848) == 1.0).all()
+    light = np.random.default_rng(0).uniform(0.4, 0.9, (20, 848)).astype(np.float32)
+
+    def after(time_s):
+        return covered_light(events, time_s, light)
+
+    np.testing.assert_array_equal(after(1.9), light)
+    np.testing.assert_array_equal(after(2.1)[:, -1], light[:, -1])
+    assert (after(2.1)[:, 0] < 0.1).all()
+    assert np.ptp(after(3.5)) == 0.0, "nothing of the ceiling shines through"
+    np.testing.assert_array_equal(after(5.1)[:, 0], light[:, 0])
+    assert (after(5.1)[:, -1] < 0.1).all()
+    np.testing.assert_array_equal(after(5.5), light)

@@ -94,18 +94,17 @@ class CameraModel:
         """Standard deviation of the noise at a linear grey level 0..255, of the same shape."""
         return np.sqrt(self.read_noise**2 + self.shot_noise**2 / 255.0 * level)
 
-    def develop(self, light: np.ndarray, gain: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def develop(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Turn light into grey levels: vignette, noise, saturation, response, rounding.
 
         Args:
             light: (height, width) float32 where 1 saturates.
-            gain: factor on the light, a number or (width,).
             rng: for the noise.
 
         Returns:
             (height, width) uint8.
         """
-        level = light * np.asarray(255.0 * gain, dtype=np.float32)
+        level = light * np.float32(255.0)
         if self.vignette > 0:
             level *= self._vignette
         if self.read_noise > 0 or self.shot_noise > 0:

@@ -130,10 +130,16 @@ def is_dropped(events: Sequence[Event], time_s: float, rng: np.random.Generator)
 
 COVER_SLIDE_S = 0.2
 COVER_EDGE_PX = 25.0
-COVER_DARK = 0.02
+COVER_LIGHT = 0.02  # what shines through the cover, as a share of saturation
 
 
-def cover_mask(events: Sequence[Event], time_s: float, width: int) -> np.ndarray:
+def covered_light(events: Sequence[Event], time_s: float, light: np.ndarray) -> np.ndarray:
+    """The light (H, W) that is left of what a camera gathers when something covers its lens."""
+    mask = _cover_mask(events, time_s, light.shape[1])
+    return light * mask + np.float32(COVER_LIGHT) * (1.0 - mask)
+
+
+def _cover_mask(events: Sequence[Event], time_s: float, width: int) -> np.ndarray:
     """Share of the light that reaches each column, (width,) float32; a cover slides in and out from left to right."""
     passed = np.ones(width, dtype=np.float32)
     for event in of_kind(events, "cover"):
@@ -142,7 +148,7 @@ def cover_mask(events: Sequence[Event], time_s: float, width: int) -> np.ndarray
         back = (time_s - event.end_s) / COVER_SLIDE_S * reach - 2 * COVER_EDGE_PX
         x = np.arange(width)
         covered = _step((front - x) / COVER_EDGE_PX) * (1.0 - _step((back - x) / COVER_EDGE_PX))
-        passed *= (1.0 - (1.0 - COVER_DARK) * covered).astype(np.float32)
+        passed *= (1.0 - covered).astype(np.float32)
     return passed
 
 

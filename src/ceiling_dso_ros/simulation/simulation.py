@@ -14,7 +14,7 @@ from ceiling_dso_ros.simulation import structures
 from ceiling_dso_ros.simulation.camera import REFERENCE_EXPOSURE_MS, ExposureControl
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
-from ceiling_dso_ros.simulation.events import cover_mask, flicker_factor, is_dropped, light_level, parse_events
+from ceiling_dso_ros.simulation.events import covered_light, flicker_factor, is_dropped, light_level, parse_events
 from ceiling_dso_ros.simulation.rendering import SAMPLE_TIMES, Renderer
 from ceiling_dso_ros.simulation.robot import NOMINAL, Robot
 from ceiling_dso_ros.simulation.scene import Hall, Scene, build_scene
@@ -194,9 +194,10 @@ class Simulation:
         gain = flicker_factor(self.events, time_s, exposure_ms * 1e-3) * light_level(self.events, np.array([time_s]))[0]
         images = {}
         for number, (name, T_base_camera) in enumerate(self.cameras.items()):
-            light = self.light(time_s, exposure_ms, T_base_camera)
-            mask = cover_mask(self.events, time_s, camera.width) if number == 0 else 1.0
-            images[name] = camera.develop(light, gain * mask, self._rng("noise", number, index))
+            light = self.light(time_s, exposure_ms, T_base_camera) * np.float32(gain)
+            if number == 0:
+                light = covered_light(self.events, time_s, light)
+            images[name] = camera.develop(light, self._rng("noise", number, index))
         return CameraFrame(self.image_stamp_ns(time_s), time_s, exposure_ms, images)
 
     def light(self, time_s: float, exposure_ms: float, T_base_camera: np.ndarray) -> np.ndarray:
