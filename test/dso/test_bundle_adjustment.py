@@ -135,6 +135,14 @@ def test_only_inliers_stay_and_count_as_good():
     )
 
 
+def test_a_keyframe_that_sees_none_of_the_points_is_no_error():
+    window = true_window(40, surface=RELIEF)
+    hold_first_keyframe(window)
+    window.points.keep(window.points.arrays.host[: window.points.count] != 2)
+    window.points.residuals.live[2] = 0
+    assert np.isnan(BundleAdjustment(window, OptimizationConfig()).optimize(window))
+
+
 # The gauge
 
 

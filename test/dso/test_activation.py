@@ -1,0 +1,203 @@
+"""Activated points keep their distance, have the right inverse depth and live where they were seen."""
+
+import numpy as np
+import pytest
+from synthetic import AFFINES, EXPOSURES, POSES, SHARP, Surface, add_keyframe, empty_window, random_pixels, true_window
+
+from ceiling_dso_ros.dso import candidates as status
+from ceiling_dso_ros.dso.activation import Activator
+from ceiling_dso_ros.dso.activation_kernels import project, refine_idepths, residual_in_target, spread, stamp_distance
+from ceiling_dso_ros.dso.config import ActivationConfig
+from ceiling_dso_ros.dso.pair_geometry import pair_geometry
+from ceiling_dso_ros.dso.points import INLIER
+from ceiling_dso_ros.dso.selection import PixelSelector
+
+SURFACE = Surface(slope=(0.15, -0.1), relief=0.05, texture=SHARP)
+FAR = np.int32(1 << 30)
+CONFIG = ActivationConfig()
+
+
+def with_candidates(error=0.05, wanted=300):
+    """Three keyframes; candidates of the older two, traced to an interval around a wrong inverse depth."""
+    window = empty_window(candidate_points=600)
+    for T, affine, exposure in zip(POSES, AFFINES, EXPOSURES):
+        add_keyframe(window, T, SURFACE, affine, exposure)
+    selector = PixelSelector(window.pool)
+    rng = np.random.default_rng(0)
+    a = window.candidates.arrays
+    for host in range(3):
+        first = window.candidates.count
+        pixels = selector.select(int(window.keyframes.image_slot[host]), wanted)
+        window.candidates.add(pixels, host, window.image(host), window.width)
+        new = slice(first, window.candidates.count)
+        middle = SURFACE.idepth(POSES[host], a.u[new], a.v[new]) * (1 + rng.uniform(-error, error, new.stop - first))
+        a.idepth_min[new], a.idepth_max[new] = middle - 0.01, middle + 0.01
+        a.status[new], a.interval[new], a.quality[new] = status.GOOD, 2.0, 10.0
+    return window
+
+
+def test_distances_are_stamped():
+    distance2 = np.full((30, 40), FAR, np.int32)
+    stamp_distance(distance2, 10, 12, 5)
+    stamp_distance(distance2, 14, 12, 5)
+    y, x = np.mgrid[:30, :40]
+    first, second = ((x - cx) ** 2 + (y - 12) ** 2 for cx in (10, 14))
+    near = [np.maximum(abs(x - cx), abs(y - 12)) <= 5 for cx in (10, 14)]
+    expected = np.minimum(np.where(near[0], first, FAR), np.where(near[1], second, FAR))
+    np.testing.assert_array_equal(distance2, expected)
+
+
+@pytest.mark.parametrize("spacing", [0.0, 1.5, 4.0])
+def test_spread_keeps_distances(spacing):
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, 103, 800).astype(np.float32), rng.uniform(0, 83, 800).astype(np.float32)
+    min_distance = (spacing * rng.choice([1, 2, 4], 800)).astype(np.float32)
+    distance2, reach = np.full((80, 100), FAR, np.int32), int(np.ceil(4 * spacing))
+    stamp_distance(distance2, 50, 40, reach)
+    accepted = np.zeros(800, bool)
+    spread(x, y, min_distance, distance2, reach, accepted)
+
+    taken, expected = [(50, 40)], []
+    for i in range(800):
+        c, r = int(np.floor(x[i] + 0.5)), int(np.floor(y[i] + 0.5))
+        free = all((c - a) ** 2 + (r - b) ** 2 >= min_distance[i] ** 2 for a, b in taken)
+        expected.append(free and 0 <= c < 100 and 0 <= r < 80)
+        if expected[-1]:
+            taken.append((c, r))
+    np.testing.assert_array_equal(accepted, expected)
+    assert 20 < accepted.sum() < 800
+
+
+def test_projection_into_the_newest_keyframe():
+    window = true_window(30, surface=SURFACE)
+    pairs = pair_geometry(window.keyframes, 3, window.intrinsics)
+    p = window.points.arrays
+    x, y, idepth = (np.empty(90, np.float32) for _ in range(3))
+    project(p.u[:90], p.v[:90], p.idepth[:90], p.host[:90], pairs, 2, x, y, idepth)
+    np.testing.assert_allclose(idepth, SURFACE.idepth(POSES[2], x, y), rtol=1e-4)
+    np.testing.assert_array_equal(x[60:], p.u[60:90])
+    assert np.abs(x[:60] - p.u[:60]).min() > 0.5
+
+
+def test_derivative_by_the_inverse_depth():
+    """H and b of one residual against numeric differences of its energy."""
+    window = with_candidates(error=0.0)
+    pairs = pair_geometry(window.keyframes, 3, window.intrinsics)
+    a = window.candidates.arrays
+    ratios = []
+    for i in range(0, 250, 5):
+        args = (window.image(2), 320, 240, pairs.KRKi[0, 2], pairs.Kt[0, 2], pairs.gain[0, 2], pairs.offset[0, 2])
+        middle = 0.5 * (a.idepth_min[i] + a.idepth_max[i]) + np.float32(0.01)
+        (e_plus, _, b_plus), (e_minus, _, b_minus) = (
+            residual_in_target(a, i, middle + np.float32(s), *args) for s in (1e-3, -1e-3)
+        )
+        _, hessian, gradient = residual_in_target(a, i, middle, *args)
+        if gradient != 0:  # in the image
+            ratios.append(((e_plus - e_minus) / 4e-3 / gradient, (b_plus - b_minus) / 2e-3 / hessian))
+    assert len(ratios) > 30
+    assert np.median(ratios, axis=0) == pytest.approx([1.0, 1.0], abs=0.06)
+
+
+def test_refinement_finds_the_true_inverse_depth():
+    window = with_candidates(error=0.05)
+    pairs = pair_geometry(window.keyframes, 3, window.intrinsics)
+    a = window.candidates.arrays
+    chosen = np.flatnonzero(a.host[: window.candidates.count] < 2)
+    idepths, inliers = np.empty(chosen.size, np.float32), np.zeros((5, chosen.size), np.uint8)
+    refine_idepths(
+        a, chosen, 3, window.pool.buffers, 320, 240, window.keyframes, pairs, 6, 100.0, idepths, inliers
+    )  # fmt: skip
+    true = np.empty(chosen.size)
+    for host in range(2):
+        which = a.host[chosen] == host
+        true[which] = SURFACE.idepth(POSES[host], a.u[chosen][which], a.v[chosen][which])
+    found = np.isfinite(idepths)
+    assert found.mean() > 0.7
+    error = np.abs(idepths[found] / true[found] - 1)
+    assert np.median(error) < 0.002  # the start is off by 0.025
+    assert np.quantile(error, 0.9) < 0.02
+    assert (inliers[:3].sum(axis=0)[found] > 0).all()
+    assert not inliers[a.host[chosen], np.arange(chosen.size)].any()
+    assert not inliers[3:].any()
+
+
+def test_refinement_refuses_what_is_seen_nowhere():
+    window = with_candidates(error=0.0)
+    pairs = pair_geometry(window.keyframes, 3, window.intrinsics)
+    a = window.candidates.arrays
+    a.grey[:, :50] = np.linspace(-500, 500, 8, dtype=np.float32)[:, None]
+    a.idepth_min[50:100] = a.idepth_max[50:100] = 50.0  # far out of every image
+    idepths, inliers = np.empty(100, np.float32), np.zeros((5, 100), np.uint8)
+    refine_idepths(
+        a, np.arange(100), 3, window.pool.buffers, 320, 240, window.keyframes, pairs, 3, 100.0, idepths, inliers
+    )  # fmt: skip
+    assert not np.isfinite(idepths).any()
+    assert not inliers.any()
+
+
+def test_activated_points_are_spread_and_right():
+    window = with_candidates()
+    before = window.candidates.count
+    activator = Activator(window, 400, CONFIG)
+    activator.spacing = 3.0
+    activated = activator.activate(window)
+    assert window.points.count == activated
+    assert activated > 100
+    assert window.candidates.count <= before - activated
+    p = window.points.arrays
+    assert (p.host[:activated] < 2).all()  # those of the newest keyframe have not been seen elsewhere yet
+    true = np.array([SURFACE.idepth(POSES[p.host[i]], p.u[i], p.v[i]) for i in range(activated)])
+    assert np.median(np.abs(p.idepth[:activated] / true - 1)) < 0.004
+    live, state = window.points.residuals.live, window.points.residuals.state
+    np.testing.assert_array_equal(live[:, :activated] > 0, state[:, :activated] == INLIER)
+    assert live[:, :activated].any(axis=0).all()
+
+    K = window.keyframes
+    pairs = pair_geometry(K, 3, window.intrinsics)
+    x, y, _ = (np.empty(activated, np.float32) for _ in range(3))
+    project(p.u[:activated], p.v[:activated], p.idepth[:activated], p.host[:activated], pairs, 2, x, y, _)
+    distances = np.hypot(x[:, None] - x, y[:, None] - y) / 2  # in half-resolution pixels
+    np.fill_diagonal(distances, np.inf)
+    # depths moved after the spreading and positions were rounded to pixels: a pixel of play
+    assert np.quantile(distances.min(axis=1), 0.02) > activator.spacing - 1.0
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("status", status.OUTLIER), ("status", status.UNTRACED), ("interval", 20.0), ("quality", 1.0)]
+)
+def test_unripe_candidates_are_not_activated(field, value):
+    window = with_candidates()
+    getattr(window.candidates.arrays, field)[: window.candidates.count] = value
+    before = window.candidates.count
+    assert Activator(window, 400, CONFIG).activate(window) == 0
+    assert window.points.count == 0
+    assert window.candidates.count == before
+
+
+def test_deleted_candidates_go():
+    window = with_candidates()
+    window.candidates.arrays.status[:10] = status.DELETED
+    window.candidates.arrays.interval[: window.candidates.count] = 20.0  # nothing else is ripe
+    before = window.candidates.count
+    Activator(window, 400, CONFIG).activate(window)
+    assert window.candidates.count == before - 10
+    assert not (window.candidates.arrays.status[: window.candidates.count] == status.DELETED).any()
+
+
+@pytest.mark.parametrize(("points", "closer"), [(20, True), (100, False)])
+def test_spacing_follows_the_number_of_points(points, closer):
+    window = empty_window()
+    add_keyframe(window, POSES[0], SURFACE)
+    u, v = random_pixels(np.random.default_rng(0), points)
+    zeros = np.zeros((8, points), np.float32)
+    window.points.append(
+        u, v, np.ones(points, np.float32), zeros, zeros, np.ones(points, np.float32), np.zeros(points, np.int64),
+        np.zeros((5, points), np.uint8),
+    )  # fmt: skip
+    activator = Activator(window, 50, CONFIG)
+    spacings = [activator.spacing]
+    for _ in range(12):
+        activator.activate(window)
+        spacings.append(activator.spacing)
+    assert (np.diff(spacings) <= 0).all() if closer else (np.diff(spacings) >= 0).all()
+    assert spacings[-1] == pytest.approx(0.0) if closer else spacings[-1] > spacings[0]
