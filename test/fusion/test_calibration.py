@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.fusion.calibration import CalibrationError, CameraPose, calibrate
+from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
+from ceiling_dso_ros.fusion.calibration_data import CameraPose
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, List
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from ceiling_dso_ros.fusion.calibration import Calibration, CameraPose
+    from ceiling_dso_ros.fusion.calibration import Calibration
+    from ceiling_dso_ros.fusion.calibration_data import CameraPose
     from ceiling_dso_ros.io.recording import Recording
 
 
@@ -69,7 +70,7 @@ def _track(recording: "Recording") -> List["CameraPose"]:
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import DirectOdometry, TrackingState
-    from ceiling_dso_ros.fusion.calibration import CameraPose
+    from ceiling_dso_ros.fusion.calibration_data import CameraPose
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.io.recording import SkippedFrame
 

@@ -42,7 +42,12 @@ class KeyframeChain:
         return self._links[-1].segment if self._links else -1
 
     def update(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
-        """Take in the window as last refined; returns the keyframes that were not known, in their order."""
+        """Take in the window as last refined; returns the keyframes that were not known, in their order.
+
+        No keyframes are no change of the window.
+        """
+        if not keyframes:
+            return []
         self._poses = {keyframe.keyframe_id: keyframe for keyframe in keyframes}
         new = sorted((k for k in keyframes if k.keyframe_id > self._newest_id), key=lambda k: k.keyframe_id)
         if new:

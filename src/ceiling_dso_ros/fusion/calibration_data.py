@@ -1,0 +1,92 @@
+"""What a calibration compares: pairs of images, and the wheels' path by assumed ratio, base and time offset."""
+
+import math
+from dataclasses import dataclass
+from typing import List, Sequence
+
+import numpy as np
+
+from ceiling_dso_ros.fusion.wheel import WheelStep
+
+PAIR_S = 0.4  # between the images of a pair
+LARGEST_OFFSET_S = 0.2
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """Pose of the camera at an image: stamp, segment of the visual odometry, (4, 4) in its world and unit."""
+
+    stamp_s: float
+    segment: int
+    T_world_camera: np.ndarray
+
+
+@dataclass(frozen=True)
+class ImagePair:
+    """Motion of the camera between two images.
+
+    Attributes:
+        start_s, end_s: their stamps.
+        segment: of the visual odometry.
+        rotation, translation: (3, 3) and (3,) of the second camera in the first, VO units.
+    """
+
+    start_s: float
+    end_s: float
+    segment: int
+    rotation: np.ndarray
+    translation: np.ndarray
+
+
+class WheelPath:
+    """The wheels' path as a function of ratio and base.
+
+    Attributes:
+        stamps_s: (n,) of the samples.
+    """
+
+    def __init__(self, steps: Sequence[WheelStep], wheel_base_m: float) -> None:
+        self.stamps_s = np.array([steps[0].start_s, *(step.end_s for step in steps)])
+        self._ages_s = self.stamps_s - self.stamps_s[0]  # small numbers, which can be shifted by nanoseconds
+        self._twists = np.array([step.twist for step in steps])
+        self._base = wheel_base_m
+
+    def poses(self, ages_s: np.ndarray, ratio: float, base: float) -> np.ndarray:
+        """(n, 3) x, y, unwrapped yaw at seconds after the first; logarithms of ratio and base relative to nominal."""
+        forward, left, turn = self._twists.T
+        half = 0.5 * self._base * turn
+        left_wheel, right_wheel = (forward - half) * math.exp(-0.5 * ratio), (forward + half) * math.exp(0.5 * ratio)
+        forward, turn = 0.5 * (left_wheel + right_wheel), (right_wheel - left_wheel) / (self._base * math.exp(base))
+        yaw = np.concatenate([[0.0], np.cumsum(turn)])
+        middle = yaw[:-1] + 0.5 * turn
+        dx, dy = np.cos(middle) * forward - np.sin(middle) * left, np.sin(middle) * forward + np.cos(middle) * left
+        path = np.column_stack([np.concatenate([[0.0], np.cumsum(dx)]), np.concatenate([[0.0], np.cumsum(dy)]), yaw])
+        return np.column_stack([np.interp(ages_s, self._ages_s, column) for column in path.T])
+
+    def motions(self, pairs: Sequence[ImagePair], offset_s: float, ratio: float, base: float) -> np.ndarray:
+        """(n, 3) motion between the images of each pair, seen from the first."""
+        start_s, end_s = (np.array([[p.start_s, p.end_s] for p in pairs]) - self.stamps_s[0]).T
+        first = self.poses(start_s + offset_s, ratio, base)
+        second = self.poses(end_s + offset_s, ratio, base)
+        c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
+        dx, dy, turn = (second - first).T
+        return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
+
+
+def image_pairs(poses: Sequence[CameraPose], wheels: WheelPath) -> List[ImagePair]:
+    """Consecutive images PAIR_S apart, within the wheels' record, between which the robot moved."""
+    first_s, last_s = wheels.stamps_s[0] + LARGEST_OFFSET_S, wheels.stamps_s[-1] - LARGEST_OFFSET_S
+    pairs, before = [], None
+    for pose in poses:
+        if not first_s <= pose.stamp_s <= last_s:
+            continue
+        if before is not None and pose.segment == before.segment and pose.stamp_s - before.stamp_s < PAIR_S:
+            continue
+        if before is not None and pose.segment == before.segment:
+            T = np.linalg.inv(before.T_world_camera) @ pose.T_world_camera
+            pairs.append(ImagePair(before.stamp_s, pose.stamp_s, pose.segment, T[:3, :3], T[:3, 3]))
+        before = pose
+    if not pairs:
+        return pairs
+    moved = wheels.motions(pairs, 0.0, 0.0, 0.0)
+    return [pair for pair, motion in zip(pairs, moved) if np.hypot(*motion[:2]) > 0.02 or abs(motion[2]) > 0.02]
