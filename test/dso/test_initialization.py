@@ -1,0 +1,142 @@
+"""The first map of a synthetic scene: motion, depth and brightness; the ambiguity of a plane."""
+
+import numpy as np
+import pytest
+from synthetic import CAMERA, SHARP, Surface
+
+from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.dso.config import InitializationConfig
+from ceiling_dso_ros.dso.initialization import Initializer, dual_motion, strongest_per_cell
+from ceiling_dso_ros.dso.pyramid import PyramidPool
+from ceiling_dso_ros.dso.selection import BORDER, PixelSelector
+
+RELIEF = Surface(slope=(0.1, -0.1), relief=0.15, texture=SHARP)
+
+
+@pytest.mark.parametrize("density", [0.03, 0.15, 0.5, 1.0])
+def test_strongest_pixel_of_every_cell(density):
+    width, height = 80, 60
+    gradient2 = np.random.default_rng(0).uniform(0, 100, width * height).astype(np.float32)
+    pixels = strongest_per_cell(gradient2, width, height, density)
+    cell = max(1, round(1 / np.sqrt(density)))
+    expected = set()
+    for y in range(BORDER, height - BORDER - cell + 1, cell):
+        for x in range(BORDER, width - BORDER - cell + 1, cell):
+            _, v, u = max((gradient2[j * width + i], j, i) for j in range(y, y + cell) for i in range(x, x + cell))
+            expected.add((float(u), float(v)))
+    assert set(zip(pixels.u.tolist(), pixels.v.tolist())) == expected
+    assert pixels.u.size == len(expected)
+    if density in (0.03, 0.15, 1.0):
+        assert pixels.u.size == pytest.approx(density * (width - 8) * (height - 8), rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("translation", "plane"),
+    [([0.03, -0.02, 0.02], [0.2, -0.1, 1.0]), ([0.01, 0.02, -0.03], [-0.3, 0.2, 0.8]), ([0.02, 0.0, 0.05], [0, 0, 1])],
+)
+def test_both_motions_give_the_same_homography(translation, plane):
+    """R + t n^T of both, to first order: the error is of second order when the motion shrinks."""
+    errors = []
+    for size in (1.0, 0.1):
+        T = se3.exp(np.array([0, 0, 0, 0.02, -0.01, 0.03]) * size)
+        T[:3, 3] = size * np.array(translation)
+        T_dual, plane_dual = dual_motion(T, np.array(plane, float))
+        homographies = [M[:3, :3] + np.outer(M[:3, 3], n) for M, n in ((T, plane), (T_dual, plane_dual))]
+        errors.append(np.abs(homographies[0] - homographies[1]).max())
+        difference = np.abs(T_dual[:3, 3] - T[:3, 3]).max() if plane[:2] != [0, 0] else 1.0
+        np.testing.assert_allclose(T_dual[:3, :3] @ T_dual[:3, :3].T, np.eye(3), atol=1e-12)
+        assert plane_dual[2] == pytest.approx(plane[2])  # the same inverse depth straight ahead
+        assert difference > 1e-3 * size
+    assert errors[0] < 0.1 * np.linalg.norm(translation)
+    assert errors[1] < 0.02 * errors[0]
+
+
+def test_the_dual_of_the_dual_is_the_motion():
+    T = se3.exp(np.array([0.03, -0.02, 0.02, 0.001, 0.002, -0.001]) * 0.01)
+    plane = np.array([0.2, -0.1, 1.0])
+    T_back, plane_back = dual_motion(*dual_motion(T, plane))
+    np.testing.assert_allclose(plane_back, plane, atol=1e-9)
+    np.testing.assert_allclose(T_back[:3, 3], T[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(T_back, T, atol=1e-6)
+
+
+def test_sideways_motion_has_no_dual_in_front_of_the_camera():
+    assert dual_motion(se3.exp(np.array([0.05, 0.02, 0.0, 0, 0, 0])), np.array([0.1, 0.0, 1.0])) is None
+
+
+class Session:
+    """An initialiser fed with images from poses."""
+
+    def __init__(self, surface, config=None):
+        self.surface = surface
+        self.pool = PyramidPool(CAMERA, 3)
+        self.initializer = Initializer(self.pool, CAMERA.parameters, config or InitializationConfig())
+
+    def start(self, T=None, affine=(0.0, 0.0)):
+        slot = self.pool.build(self.surface.render(np.eye(4) if T is None else T, affine=affine))
+        self.initializer.start(slot, PixelSelector(self.pool))
+
+    def add(self, T, affine=(0.0, 0.0), exposure=1.0):
+        slot = self.pool.build(self.surface.render(T, affine=affine, exposure=exposure))
+        result = self.initializer.add(slot, exposure)
+        self.pool.release(slot)
+        return result
+
+
+def fly(direction, frames=15, **light):
+    """Feed a straight motion; returns the first map and the true motion to its frame."""
+    session = Session(RELIEF)
+    session.start()
+    for k in range(1, frames + 1):
+        T = se3.exp(k * np.array(direction))
+        first_map = session.add(T, **light)
+        if first_map is not None:
+            return first_map, T
+    return None, None
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [
+        [0.01, 0.004, 0.0, 0.0, 0.0, 0.0],
+        [-0.008, 0.008, 0.002, 0.001, -0.001, 0.008],
+        [0.01, 0.0, 0.004, 0.0, 0.0, -0.005],
+    ],
+)
+def test_motion_and_depth_of_a_relief(direction):
+    first_map, T = fly(direction)
+    assert first_map is not None
+    true = RELIEF.idepth(np.eye(4), first_map.pixels.u, first_map.pixels.v)
+    assert first_map.idepth.size > 500
+    assert first_map.idepth.mean() == pytest.approx(1.0, abs=1e-3)
+    scale = np.median(true / first_map.idepth)  # their unit of length in ours, inverted
+    assert np.median(np.abs(first_map.idepth * scale / true - 1)) < 0.02
+    assert np.corrcoef(first_map.idepth, true)[0, 1] > 0.9
+    ours = first_map.T_frame_first
+    error = np.linalg.norm(ours[:3, 3] / scale - T[:3, 3]) / np.linalg.norm(T[:3, 3])
+    assert error < 0.1
+    assert np.abs(se3.log_so3(ours[:3, :3] @ T[:3, :3].T)).max() < 8e-3
+
+
+def test_brightness_is_found():
+    first_map, _ = fly([0.01, 0.004, 0.0, 0.0, 0.0, 0.0], affine=(0.08, -4.0), exposure=1.1)
+    ours = np.exp(first_map.log_gain) * 120 + first_map.offset
+    assert ours == pytest.approx(1.1 * np.exp(0.08) * 120 - 4.0, abs=1.0)
+
+
+def test_no_map_without_parallax():
+    session = Session(RELIEF)
+    assert not session.initializer.started
+    session.start()
+    assert session.initializer.started
+    for k in range(8):
+        assert session.add(se3.exp(k * np.array([0, 0, 0, 0, 0, 0.02]))) is None
+
+
+def test_frames_without_texture_give_no_map_and_no_error():
+    session = Session(RELIEF)
+    session.start()
+    for value in (0.0, 255.0, np.nan, np.inf):
+        slot = session.pool.build(np.full((240, 320), value, np.float32))
+        session.initializer.add(slot, 1.0)
+        session.pool.release(slot)
