@@ -135,5 +135,6 @@ class FrameTracker:
         flows = mean_squared_flow(
             finest.u[::FLOW_STRIDE], finest.v[::FLOW_STRIDE], finest.idepth[::FLOW_STRIDE], reference.intrinsics, T
         )
-        information = self._system[:6, :6] + np.triu(self._system[:6, :6], 1).T
+        upper = np.triu(self._system[:6, :6])  # below the diagonal nothing is defined
+        information = upper + np.triu(upper, 1).T
         return TrackedFrame(T, ab, errors[-1], saturated, *flows, information)
