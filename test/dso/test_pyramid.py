@@ -49,6 +49,14 @@ def test_slots_are_independent_and_come_back():
     assert (pool.level(b, 0) == 20).all()
 
 
+def test_all_slots_come_back_at_once():
+    pool = PyramidPool(CAMERA, 3)
+    black = np.zeros((240, 320), np.uint8)
+    for _ in range(3):
+        assert {pool.build(black) for _ in range(3)} == {0, 1, 2}
+        pool.release_all()
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_intrinsics_of_a_level_find_the_same_pixel(axis):
     """A ramp's grey value is the coordinate on level 0: each level must show it where its own intrinsics project to."""

@@ -1,0 +1,111 @@
+"""What the mapper does with frames and keyframes of a known scene."""
+
+import numpy as np
+import pytest
+from synthetic import CAMERA, SHARP, Surface
+
+from ceiling_dso_ros.dso import candidates as status
+from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
+from ceiling_dso_ros.dso.initialization import FirstMap
+from ceiling_dso_ros.dso.mapping import Frame, Mapper, WindowLostError
+from ceiling_dso_ros.dso.pyramid import PyramidPool
+from ceiling_dso_ros.dso.selection import PixelSelector
+from ceiling_dso_ros.dso.stage_timer import StageTimer
+
+SURFACE = Surface(slope=(0.1, -0.1), relief=0.08, texture=SHARP)
+CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=3, min_keyframes=2, candidate_points=400, active_points=300))
+STEP = np.array([0.03, 0.01, 0.0, 0.0, 0.0, 0.02])
+
+
+class Scene:
+    """A mapper that gets every frame with its true pose."""
+
+    def __init__(self):
+        self.pool = PyramidPool(CAMERA, 8)
+        self.selector = PixelSelector(self.pool)
+        self.mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, segment=4, first_id=10)
+        first = self.frame(0)
+        pixels = self.selector.select(first.image_slot, 500)
+        idepth = SURFACE.idepth(np.eye(4), pixels.u, pixels.v).astype(np.float32)
+        self.mapper.begin(first, FirstMap(np.eye(4), pixels, idepth, 0.0, 0.0))
+
+    def frame(self, k, image=None):
+        T = se3.exp(k * STEP)
+        slot = self.pool.build(SURFACE.render(T) if image is None else image)
+        return Frame(0.1 * k, 1.0, slot, T, np.zeros(2))
+
+    def keyframe(self, k, image=None):
+        frame = self.frame(k, image)
+        self.mapper.trace(frame)
+        return self.mapper.add_keyframe(frame, StageTimer())
+
+
+@pytest.fixture
+def scene():
+    return Scene()
+
+
+def test_the_first_map_becomes_points_of_the_first_keyframe(scene):
+    window = scene.mapper.window
+    assert window.ids == [10]
+    assert scene.mapper.next_id == 11
+    n = window.points.count
+    assert n == CONFIG.window.active_points
+    a = window.points.arrays
+    np.testing.assert_allclose(a.idepth[:n], SURFACE.idepth(np.eye(4), a.u[:n], a.v[:n]), rtol=1e-5)
+    image = SURFACE.render(np.eye(4))
+    np.testing.assert_array_equal(a.grey[4, :n], image[a.v[:n].astype(int), a.u[:n].astype(int)])
+    assert not window.points.residuals.live.any()
+    assert (np.diag(window.prior.H) > 0).all()  # intrinsics and the first keyframe are held
+
+
+def test_keyframes_keep_to_the_truth_and_to_the_size_of_the_window(scene):
+    seen = []
+    for k in range(1, 8):
+        reference, estimates = scene.keyframe(k)
+        window = scene.mapper.window
+        assert reference.keyframe_id == 10 + k
+        assert {e.segment for e in estimates} == {4}
+        assert estimates[-1].keyframe_id == 10 + k
+        assert window.count <= CONFIG.window.max_keyframes
+        assert window.prior.b.size == 4 + 8 * window.count
+        assert window.ids == [e.keyframe_id for e in estimates if not e.leaves]
+        seen += [e.keyframe_id for e in estimates if e.leaves]
+        assert scene.mapper.rmse < 5
+        T = se3.exp(k * STEP)
+        error = se3.log(reference.T_camera_world @ np.linalg.inv(T))
+        assert np.abs(error).max() < 3e-3
+    assert len(seen) == len(set(seen)) >= 4
+    n, a = window.points.count, window.points.arrays
+    assert n > 100
+    true = np.array([SURFACE.idepth(se3.exp((window.ids[a.host[i]] - 10) * STEP), a.u[i], a.v[i]) for i in range(n)])
+    assert np.median(np.abs(a.idepth[:n] / true - 1)) < 0.01
+    assert np.bincount(a.host[:n], minlength=3)[1] > 0  # not only those of the start
+
+
+def test_frames_narrow_the_candidates(scene):
+    scene.keyframe(1)
+    candidates = scene.mapper.window.candidates
+    assert np.isnan(candidates.arrays.idepth_max[: candidates.count]).all()
+    for k in (2, 3, 4):
+        scene.mapper.trace(scene.frame(k))
+    a, n = candidates.arrays, candidates.count
+    traced = np.isin(a.status[:n], (status.GOOD, status.SKIPPED, status.BAD_CONDITION)) & np.isfinite(a.idepth_max[:n])
+    assert traced.mean() > 0.5
+    true = SURFACE.idepth(se3.exp(STEP), a.u[:n], a.v[:n])
+    inside = (a.idepth_min[:n] <= true) & (true <= a.idepth_max[:n])
+    assert inside[traced].mean() > 0.9
+
+
+def test_poses_are_found_by_the_identity_of_their_keyframe(scene):
+    for k in range(1, 6):
+        scene.keyframe(k)
+    for slot, number in enumerate(scene.mapper.window.ids):
+        np.testing.assert_array_equal(scene.mapper.pose_of(number), scene.mapper.window.T_world_camera(slot))
+
+
+def test_a_keyframe_that_shows_nothing_loses_the_window(scene):
+    scene.keyframe(1)
+    with pytest.raises(WindowLostError):
+        scene.keyframe(2, image=np.full((240, 320), 100, np.float32))
