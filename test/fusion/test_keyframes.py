@@ -58,10 +58,3 @@ def test_a_frame_is_seen_from_the_newest_node_whatever_its_own_keyframe():
     T[0, 3] = 1.5
     np.testing.assert_allclose(chain.from_newest(0, T)[0, 3], 0.5)
     assert chain.from_newest(77, T) is None
-
-
-def test_a_status_without_keyframes_changes_nothing():
-    chain = KeyframeChain()
-    linked(chain, [keyframe(0, 0.0), keyframe(1, 1.0)])
-    assert chain.update(()) == []
-    assert chain.from_newest(0, np.eye(4)) is not None

@@ -58,3 +58,10 @@ def test_rotate_covariance_turns_the_long_axis():
     own = np.diag([4.0, 1.0, 0.1])
     turned = planar.rotate_covariance(own, np.pi / 2)
     np.testing.assert_allclose(turned, np.diag([1.0, 4.0, 0.1]), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_inverses_of_small_matrices(rng, size):
+    matrix = rng.normal(size=(size, size))
+    inverse = {2: planar.inverse_2x2, 3: planar.inverse_3x3}[size](matrix)
+    np.testing.assert_allclose(inverse @ matrix, np.eye(size), atol=1e-9)

@@ -6,6 +6,7 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
@@ -57,7 +58,9 @@ class KeyframeBackend:
         return ScaleState(math.exp(self.estimate.log_scale), sigma, self.scale_known, self.segment)
 
     def refine(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
-        """Take in the window of the visual odometry; returns the keyframes that are new in it."""
+        """Take in the window of the visual odometry, if it changed; returns the keyframes that are new in it."""
+        if not keyframes:
+            return []
         new = self._chain.update(keyframes)
         for refined in self._chain.refinements():
             visual = self._on_floor(refined.T_before_node)
@@ -100,7 +103,7 @@ class KeyframeBackend:
         """Motion of the camera between two tracked images; None when they cannot be related."""
         first = self._chain.from_newest(before.keyframe_id, before.T_keyframe_camera)
         second = self._chain.from_newest(after.keyframe_id, after.T_keyframe_camera)
-        return None if first is None or second is None else self._on_floor(np.linalg.inv(first) @ second)
+        return None if first is None or second is None else self._on_floor(se3.inverse(first) @ second)
 
     def wheels_contradict(self, wheels: WheelMotion, visual: VisualMotion) -> bool:
         """Whether the wheels slip between two images of the newest segment."""

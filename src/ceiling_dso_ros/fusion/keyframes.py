@@ -10,6 +10,7 @@ from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 
 
@@ -42,12 +43,7 @@ class KeyframeChain:
         return self._links[-1].segment if self._links else -1
 
     def update(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
-        """Take in the window as last refined; returns the keyframes that were not known, in their order.
-
-        No keyframes are no change of the window.
-        """
-        if not keyframes:
-            return []
+        """Take in the window as last refined; returns the keyframes that were not known, in their order."""
         self._poses = {keyframe.keyframe_id: keyframe for keyframe in keyframes}
         new = sorted((k for k in keyframes if k.keyframe_id > self._newest_id), key=lambda k: k.keyframe_id)
         if new:
@@ -92,4 +88,4 @@ class KeyframeChain:
             return np.eye(4)
         if from_id not in self._poses or to_id not in self._poses:
             return None
-        return np.linalg.inv(self._poses[from_id].T_world_camera) @ self._poses[to_id].T_world_camera
+        return se3.inverse(self._poses[from_id].T_world_camera) @ self._poses[to_id].T_world_camera

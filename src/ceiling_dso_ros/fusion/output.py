@@ -71,6 +71,7 @@ class TwistFilter:
         self._filter = KalmanFilter(dim_x=2, dim_z=2)
         self._filter.H = np.eye(2)
         self._filter.F = np.eye(2)
+        self._filter.inv = planar.inverse_2x2
         self._filter.P = np.diag(self._accelerations**2)
         self._stamp_s: Optional[float] = None
 

@@ -80,6 +80,25 @@ def rotate_covariance(covariance: np.ndarray, yaw_rad: float) -> np.ndarray:
     return turned @ covariance @ turned.T
 
 
+def inverse_2x2(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a (2, 2) matrix; LAPACK takes milliseconds for it where other threads keep the cores busy."""
+    (a, b), (c, d) = matrix.tolist()
+    return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+
+
+def inverse_3x3(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a (3, 3) matrix, likewise."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    adjugate = np.array(
+        [
+            [e * i - f * h, c * h - b * i, b * f - c * e],
+            [f * g - d * i, a * i - c * g, c * d - a * f],
+            [d * h - e * g, b * g - a * h, a * e - b * d],
+        ]
+    )
+    return adjugate / (a * adjugate[0, 0] + b * adjugate[1, 0] + c * adjugate[2, 0])
+
+
 def lift(pose: np.ndarray) -> np.ndarray:
     """(4, 4) of a planar pose: z = 0, turned about z."""
     T = np.eye(4)

@@ -62,6 +62,7 @@ class RelativeFilter:
         self._history_s = history_s
         self._filter = KalmanFilter(dim_x=5, dim_z=3)
         self._filter.H = np.eye(3, 5)
+        self._filter.inv = planar.inverse_3x3
         self._entries: Deque[_Entry] = deque()
         self._root: Optional[RelativeState] = None
 
@@ -143,7 +144,7 @@ class RelativeFilter:
         error = planar.between(state.pose, sighting.pose)
         covariance = state.covariance
         spread = covariance[:3, :3] + sighting.covariance
-        if error @ np.linalg.solve(spread, error) > GATE:
+        if error @ planar.inverse_3x3(spread) @ error > GATE:
             covariance = covariance.copy()
             covariance[:3, :3] += np.diag(error**2)
         self._filter.x, self._filter.P = np.zeros((5, 1)), covariance
