@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.io.bag_writer import BagWriter
-from ceiling_dso_ros.io.recording import open_recording
+from ceiling_dso_ros.io.opening import open_recording
 
 ROOT = Path(__file__).parents[2]
 WIDTH, HEIGHT, COUNT = 192, 144, 40

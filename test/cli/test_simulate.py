@@ -12,7 +12,7 @@ import pytest
 from ceiling_dso_ros.cli import simulate
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.io.bag_reader import open_bag
-from ceiling_dso_ros.io.recording import open_recording
+from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,8 @@ import pytest
 
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.recording import Frame, SkippedFrame, TopicNames, open_recording
+from ceiling_dso_ros.io.opening import open_recording
+from ceiling_dso_ros.io.recording import Frame, SkippedFrame, TopicNames
 from ceiling_dso_ros.io.ros_messages import TYPES, header, message
 
 START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333

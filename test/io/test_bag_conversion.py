@@ -6,8 +6,8 @@ import pytest
 
 from ceiling_dso_ros.io.bag_conversion import write_recording_as_bag
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
-from ceiling_dso_ros.io.recording import open_recording
 
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[3] / "shared" / "data"))
 

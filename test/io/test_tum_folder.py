@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.recording import Frame, SkippedFrame, open_recording
+from ceiling_dso_ros.io.opening import open_recording
+from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 
 
 def rewrite(path, old, new):

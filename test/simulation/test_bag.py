@@ -5,7 +5,7 @@ from rosbags.rosbag1 import Reader
 
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import OutputError
-from ceiling_dso_ros.io.recording import open_recording
+from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.ros_messages import TYPES, header_stamp_ns, transform_matrix
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.simulation.bag import files_beside, write_files_beside, write_measurements

@@ -41,7 +41,8 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
-    from ceiling_dso_ros.io.recording import TopicNames, open_recording
+    from ceiling_dso_ros.io.opening import open_recording
+    from ceiling_dso_ros.io.recording import TopicNames
 
     topics = TopicNames() if options.image_topic is None else TopicNames(image=options.image_topic)
     recording = open_recording(options.input, topics, camera_file=options.camera, robot_file=options.robot)

@@ -81,7 +81,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _open_recording(options: argparse.Namespace) -> "Recording":
-    from ceiling_dso_ros.io.recording import TopicNames, open_recording
+    from ceiling_dso_ros.io.opening import open_recording
+    from ceiling_dso_ros.io.recording import TopicNames
 
     topics = {
         "image": options.image_topic,

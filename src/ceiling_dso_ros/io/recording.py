@@ -8,7 +8,7 @@ from typing import Callable, Iterator, Optional, Tuple, Union
 import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
-from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.errors import FrameError
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.stamps import format_stamp, seconds
 
@@ -202,34 +202,3 @@ class Recording(ABC):
                 f"the image is {image.shape[1]}x{image.shape[0]}, but the calibration is for {lens.width}x{lens.height}"
             )
         return image
-
-
-def open_recording(
-    path: Union[str, Path],
-    topics: TopicNames = TopicNames(),
-    camera_file: Optional[Union[str, Path]] = None,
-    robot_file: Optional[Union[str, Path]] = None,
-) -> Recording:
-    """Open a folder in the TUM-mono layout or a ROS 1 bag.
-
-    Args:
-        path: folder or bag.
-        topics: where to look in a bag.
-        camera_file: a `camera.txt` instead of the recording's own calibration.
-        robot_file: a `robot.yaml` instead of the folder's own, or of the one beside the bag (`tour.robot.yaml`).
-
-    Raises:
-        InputError: there is no recording, or it cannot be used.
-    """
-    # These build upon this module.
-    from ceiling_dso_ros.io.bag import BagRecording
-    from ceiling_dso_ros.io.tum_folder import TumFolderRecording
-
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: there is no such folder or bag")
-    camera_path = None if camera_file is None else Path(camera_file)
-    robot_path = None if robot_file is None else Path(robot_file)
-    if path.is_dir():
-        return TumFolderRecording(path, camera_path, robot_path)
-    return BagRecording(path, topics, camera_path, robot_path)
