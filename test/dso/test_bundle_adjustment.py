@@ -135,6 +135,33 @@ def test_only_inliers_stay_and_count_as_good():
     )
 
 
+def test_a_strong_prior_wins_wherever_the_estimate_starts():
+    """The minimum of the prior on intrinsics and the older keyframes, whose offsets are not zero at the start."""
+    window, rng = true_window(30, surface=RELIEF), np.random.default_rng(0)
+    J = rng.normal(size=(60, 20)) * np.r_[np.full(4, 1.0), np.tile([1e3] * 6 + [1e2, 1.0], 2)] * 1e5
+    minimum = 1e-3 * rng.normal(size=20)
+    window.prior.H[:20, :20] = J.T @ J
+    window.prior.b[:20] = -J.T @ J @ minimum
+    window.move(np.r_[2e-3 * rng.normal(size=20), np.zeros(8)])
+    adjustment = BundleAdjustment(window, OptimizationConfig())
+    adjustment.linearization.update(window)
+    step = adjustment._step(window, project=False)
+    np.testing.assert_allclose(window.offsets[:20] + step[:20], minimum, atol=2e-5)
+
+
+def test_later_steps_do_not_move_what_images_cannot_see():
+    window = true_window(60, surface=RELIEF)
+    hold_first_keyframe(window)
+    perturb(window, np.random.default_rng(0))
+    adjustment = BundleAdjustment(window, OptimizationConfig())
+    adjustment.linearization.update(window)
+    free, projected = (adjustment._step(window, project=project) for project in (False, True))
+    basis = null_space(window)
+    assert np.linalg.norm(basis.T @ free) > 1e-4
+    assert np.linalg.norm(basis.T @ projected) < 1e-12
+    np.testing.assert_allclose(projected, free - basis @ (basis.T @ free), atol=1e-12)
+
+
 def test_a_keyframe_that_sees_none_of_the_points_is_no_error():
     window = true_window(40, surface=RELIEF)
     hold_first_keyframe(window)
