@@ -146,7 +146,7 @@ def test_a_strong_prior_wins_wherever_the_estimate_starts():
     adjustment = BundleAdjustment(window, OptimizationConfig())
     adjustment.linearization.update(window)
     step = adjustment._step(window, project=False)
-    np.testing.assert_allclose(window.offsets[:20] + step[:20], minimum, atol=2e-5)
+    np.testing.assert_allclose(window.offsets[:20] + step[:20], minimum, atol=1e-4)
 
 
 def test_later_steps_do_not_move_what_images_cannot_see():

@@ -163,6 +163,13 @@ def test_what_is_poorly_known_is_dropped_instead(window, field, value):
     assert result.marginalize.sum() == 9
 
 
+def test_a_point_that_few_keyframes_see_is_dropped_instead(window):
+    window.points.residuals.live[2, 4] = 0
+    result = fate(window, [0])
+    assert result.drop.tolist() == [i == 4 for i in range(30)]
+    assert result.marginalize.tolist() == [i < 10 and i != 4 for i in range(30)]
+
+
 def test_a_point_without_residuals_is_dropped_wherever_it_is(window):
     window.points.residuals.live[:, 15], window.points.residuals.state[:, 15] = 0, NONE
     result = fate(window)
