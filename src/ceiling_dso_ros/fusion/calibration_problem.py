@@ -89,8 +89,8 @@ class MountingProblem:
         """Parameters in the order of PRIOR_SIGMAS, (8,) in rad, m, s and logarithms, with (8, 8) covariance."""
         self._R = Rotation.from_rotvec(guess[:3])
         parameters = np.concatenate([np.zeros(3), guess[3:]])
-        for _ in range(3):
-            found = least_squares(self._weighted, parameters, loss="soft_l1", f_scale=3.0, x_scale="jac")
+        for loss in ("soft_l1", "cauchy", "cauchy"):  # at last a slip has hardly any influence left
+            found = least_squares(self._weighted, parameters, loss=loss, f_scale=3.0, x_scale="jac")
             parameters = found.x
             residuals = self._residuals(parameters)
             scatter = 1.4826 * np.median(np.abs(residuals), axis=0)

@@ -12,6 +12,7 @@ from typing import Deque, List, Optional, Tuple, Union
 
 import numpy as np
 
+from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
@@ -45,6 +46,7 @@ class FusionEstimator:
 
     def __init__(self, robot: RobotModel, config: FusionConfig = FusionConfig(), keep_history: bool = False) -> None:
         config.check()
+        se3.adjoint(se3.inverse(np.eye(4)))  # compiled or loaded here, not between two wheel samples
         self.robot = robot
         self.config = config
         self._keep_history = keep_history
