@@ -136,6 +136,58 @@ def test_images_without_wheels_give_no_pose(loops):
         assert estimator.add_keyframes(status) is None
         assert estimator.add_frame(status) is None
     assert np.isnan(estimator.scale.value)
+    assert estimator._waiting == []
+
+
+def test_a_robot_that_has_an_odometry_needs_no_ticks(loops, fused):
+    """Any frame will do: here it does not begin at zero."""
+    elsewhere, estimator, poses = np.array([7.0, -2.0, 1.0]), FusionEstimator(loops.robot), []
+    odometry = iter([elsewhere, *(planar.compose(elsewhere, pose) for pose in fused.wheel_poses)])
+    for stamp_s, is_camera, data in loops.events():
+        if is_camera:
+            estimator.add_keyframes(data)
+            estimator.add_frame(data)
+        else:
+            state = estimator.add_wheel_odometry(stamp_s, next(odometry))
+            poses += [] if state is None else [state.pose]
+    np.testing.assert_allclose(poses, fused.poses, atol=1e-6)
+
+
+def test_repeated_and_disordered_images_are_no_harm(loops, fuse, fused):
+    statuses = list(loops.statuses)
+    for index in range(300, 600, 7):
+        statuses[index : index + 2] = [statuses[index + 1], statuses[index], statuses[index]]
+    estimator = FusionEstimator(loops.robot)
+    events = iter(statuses)
+    status, poses = next(events), []
+    for stamp_s, *counts in loops.ticks:
+        while status is not None and status.stamp_s <= stamp_s:
+            estimator.add_keyframes(status)
+            estimator.add_frame(status)
+            status = next(events, None)
+        state = estimator.add_wheel_ticks(stamp_s, *counts)
+        poses += [] if state is None else [state.pose]
+    assert np.abs(np.array(poses)[:, :2] - fused.poses[:, :2]).max() < 0.02
+
+
+def test_an_odometry_that_is_reset_begins_a_new_segment(simulate, truth, fuse):
+    """Its keyframes count from 0 again."""
+    drive = simulate("loops", 30.0, 9, truth(losses=((14.0, 15.0),)))
+    first = min(s.keyframes[0].keyframe_id for s in drive.statuses if s.keyframes and s.segment == 1)
+
+    def renumbered(status):
+        if status.segment == 0:
+            return status
+        keyframes = tuple(
+            dataclasses.replace(k, keyframe_id=k.keyframe_id - first, segment=0) for k in status.keyframes
+        )
+        key = status.keyframe_id - first if status.keyframe_id >= 0 else -1
+        return dataclasses.replace(status, keyframes=keyframes, keyframe_id=key, segment=0)
+
+    reset = dataclasses.replace(drive, statuses=[renumbered(status) for status in drive.statuses])
+    fused = fuse(reset)
+    assert fused.states[-1].state is FusionState.CONVERGED
+    assert fused.states[-1].scale.value == pytest.approx(fuse(drive).states[-1].scale.value, rel=1e-6)
 
 
 def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, truth, fuse):

@@ -58,3 +58,19 @@ def test_a_frame_is_seen_from_the_newest_node_whatever_its_own_keyframe():
     T[0, 3] = 1.5
     np.testing.assert_allclose(chain.from_newest(0, T)[0, 3], 0.5)
     assert chain.from_newest(77, T) is None
+
+
+def test_a_window_that_comes_late_is_ignored():
+    chain = KeyframeChain()
+    linked(chain, [keyframe(0, 0.0), keyframe(1, 1.0), keyframe(2, 2.0)])
+    assert chain.update([keyframe(0, 9.0), keyframe(1, 9.0)]) == []
+    np.testing.assert_allclose([T[0, 3] for _, T in chain.refinements()], [1.0, 1.0])
+
+
+def test_an_odometry_that_was_reset_counts_anew():
+    chain = KeyframeChain()
+    linked(chain, [keyframe(5, 0.0), keyframe(6, 1.0)])
+    first, second = (KeyframeEstimate(k, 100.0 + k, 0, np.eye(4), (0.0, 0.0), leaves=False) for k in range(2))
+    assert [k.keyframe_id for k in chain.update([first, second])] == [0, 1]
+    assert not chain.continues(first)
+    assert chain.motion_to(first) is None

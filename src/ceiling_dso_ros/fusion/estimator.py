@@ -29,6 +29,7 @@ from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 SLIP_PERSISTS_S = 0.1  # the wheels are believed again so long after they last contradicted an image
+LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
 
 
@@ -155,7 +156,9 @@ class FusionEstimator:
         return stamp_s + self.robot.camera_time_offset_s
 
     def _wait(self, item: Union[KeyframeEstimate, OdometryStatus]) -> None:
-        """Keep an item of the camera until the wheels have been heard of after it."""
+        """Keep an item of the camera until the wheels are heard of after it; before they ever were it is of no use."""
+        if self._track.empty:
+            return
         bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_s), next(self._count), item))
 
     def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
@@ -192,6 +195,8 @@ class FusionEstimator:
         if visual is None:
             return
         start_s, end_s = self._on_wheel_clock(before.stamp_s), self._on_wheel_clock(status.stamp_s)
+        if not 0.0 < end_s - start_s < LONGEST_FRAME_GAP_S:
+            return
         if self._backend.wheels_contradict(self._track.motion(start_s, end_s), visual):
             self._slipping_until_s = end_s + SLIP_PERSISTS_S
         rate = visual.base_motion(self.scale.value)[::2] / (end_s - start_s)
