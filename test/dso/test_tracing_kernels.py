@@ -167,8 +167,9 @@ def test_best_step_and_its_quality():
     assert quality == pytest.approx(6.0)  # the neighbours within two steps do not count as rivals
 
 
-def test_epipolar_segment_and_idepth_are_inverse():
-    K, T = CAMERA.matrix, se3.exp(np.array([0.1, -0.05, 0.03, 0.02, 0.01, 0.2]))
+@pytest.mark.parametrize("translation", [[0.1, -0.05, 0.03], [0.03, 0.1, -0.04]])  # lines along x and along y
+def test_epipolar_segment_and_idepth_are_inverse(translation):
+    K, T = CAMERA.matrix, se3.exp(np.array([*translation, 0.02, 0.01, 0.2]))
     Kt = K @ T[:3, 3]
     projected = K @ T[:3, :3] @ np.linalg.inv(K) @ [100.0, 80.0, 1.0]
     x, y, line_x, line_y, length = epipolar_segment(projected, Kt, 0.5, 1.5, 100.0)
