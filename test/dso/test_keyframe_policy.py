@@ -34,11 +34,15 @@ def test_a_frame_like_the_keyframe_is_none():
         {"motion_flow": 0.1 * DIAGONAL**2},
         {"a": 1.3},
         {"a": -1.1},
-        {"rmse": 20.0},
+        {"rmse": 20.0, "motion_flow": 1.0},
     ],
 )
 def test_flow_brightness_and_error_each_ask_for_a_keyframe(change):
     assert needs(tracked(**change)) is True
+
+
+def test_a_growing_error_is_no_reason_while_the_camera_stands_still():
+    assert needs(tracked(rmse=20.0)) is False
 
 
 def test_exposure_counts_as_brightness_and_may_cancel_it():

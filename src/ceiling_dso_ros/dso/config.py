@@ -44,6 +44,7 @@ class InitializationConfig:
     densities: Tuple[float, ...] = (0.03, 0.05, 0.15, 0.5, 1.0)  # share of pixels per level, finest first
     min_translation: float = 1.0 / 60.0  # of the mean depth, before depths are trusted
     frames_after_snap: int = 5
+    max_frames: int = 300  # without a map the first frame is replaced
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
     translation_coupling: float = 22500.0  # and the translation to zero
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
@@ -134,7 +135,7 @@ class KeyframeConfig:
     motion_weight: float = 22.4  # on that of the whole motion
     brightness_weight: float = 2.0  # on |ln alpha|
     max_rmse_growth: float = 2.0  # of the first error on the keyframe
-    min_flow: float = 0.5  # pixels; below it the camera stands still and nothing is gained
+    min_flow: float = 0.5  # pixels; below it the camera stands still, and a growing error is no reason
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""

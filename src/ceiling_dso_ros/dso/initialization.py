@@ -22,6 +22,8 @@ ITERATIONS = (5, 5, 10, 30, 50, 50)  # per level, finest first
 OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 4
 MIN_DUAL_IDEPTH = 0.05  # of the mean: less is a plane that passes too near the camera's horizon
 SETTLING_ROUNDS = 3
+MIN_IN_VIEW = 0.4  # share of the first frame's points
+MAX_BRIGHTNESS_CHANGE = 1.2  # |ln gain| beyond the exposures'
 
 
 @dataclass
@@ -113,6 +115,13 @@ class Initializer:
         """Whether there is a first frame."""
         return self.first_slot >= 0
 
+    @property
+    def failed(self) -> bool:
+        """Whether the last frame could not be aligned, or too many were: another first frame is needed."""
+        brightness = abs(self._light[0] - self._expected_log_gain)
+        aligned = np.isfinite(self.rmse) and self.in_view > MIN_IN_VIEW and brightness < MAX_BRIGHTNESS_CHANGE
+        return not aligned or self._frames >= self._config.max_frames
+
     def start(self, image_slot: int, selector: PixelSelector) -> None:
         """Take a frame as the first one."""
         self.first_slot = image_slot
@@ -128,6 +137,8 @@ class Initializer:
         self._light = np.zeros(2)
         self._snapped = False
         self._frames_since_snap = 0
+        self._frames = 0
+        self.rmse, self.in_view = 0.0, 1.0
 
     def add(self, image_slot: int, exposure_ratio: float) -> Optional[FirstMap]:
         """Align a frame. Returns the map once there was parallax for long enough, else None.
@@ -135,7 +146,9 @@ class Initializer:
         Args:
             exposure_ratio: exposure of the frame over that of the first one, 1 when unknown.
         """
-        T, light = self._T, np.array([np.log(exposure_ratio), 0.0])
+        self._frames += 1
+        self._expected_log_gain = np.log(exposure_ratio)
+        T, light = self._T, np.array([self._expected_log_gain, 0.0])
         if not self._snapped:
             T = np.eye(4)
             T[:3, :3] = self._T[:3, :3]
@@ -145,7 +158,7 @@ class Initializer:
         self._align(image_slot, T, light)
         self._snapped = self._snapped or np.linalg.norm(self._T[:3, 3]) > self._config.min_translation
         self._frames_since_snap += self._snapped
-        if self._frames_since_snap <= self._config.frames_after_snap:
+        if self.failed or self._frames_since_snap <= self._config.frames_after_snap:
             return None
         self._try_dual(image_slot)
         return self._first_map()

@@ -29,7 +29,8 @@ def needs_keyframe(
         first_rmse: error of the first frame that was tracked on this reference.
         diagonal: width + height of the image, which normalises flow.
     """
-    if tracked.rmse > config.max_rmse_growth * first_rmse:
+    moves = np.sqrt(tracked.motion_flow) > config.min_flow
+    if moves and tracked.rmse > config.max_rmse_growth * first_rmse:
         return True
     change = brightness_change(tracked.affine, exposure, reference)
     score = config.translation_weight * np.sqrt(tracked.translation_flow) / diagonal

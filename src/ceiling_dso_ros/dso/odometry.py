@@ -83,10 +83,11 @@ class DirectOdometry:
 
     def _initialize(self, frame: Frame) -> OdometryStatus:
         if not self._initializer.started:
-            self._initializer.start(frame.image_slot, self._selector)
-            self._first = replace(frame, T_camera_world=se3.inverse(self._last_pose))
-            return self._without_pose(frame, TrackingState.INITIALIZING, "first frame of a segment")
+            return self._start_from(frame, "first frame of a segment")
         first_map = self._initializer.add(frame.image_slot, frame.exposure / self._first.exposure)
+        if self._initializer.failed:
+            self._pool.release(self._first.image_slot)
+            return self._start_from(frame, "the first frame led to no map: starting from this one")
         if first_map is None:
             self._pool.release(frame.image_slot)
             return self._without_pose(frame, TrackingState.INITIALIZING, "waiting for parallax")
@@ -97,6 +98,11 @@ class DirectOdometry:
         frame = replace(frame, T_camera_world=T, affine=affine)
         self._history = [(self._mapper.window.ids[0], np.eye(4))]
         return self._make_keyframe(frame, None)
+
+    def _start_from(self, frame: Frame, message: str) -> OdometryStatus:
+        self._initializer.start(frame.image_slot, self._selector)
+        self._first = replace(frame, T_camera_world=se3.inverse(self._last_pose))
+        return self._without_pose(frame, TrackingState.INITIALIZING, message)
 
     # Tracking
 

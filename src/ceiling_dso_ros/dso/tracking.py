@@ -16,6 +16,7 @@ ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
 MIN_STEP = 1e-3
 MAX_SATURATED = 0.6  # share of points above the cutoff beyond which the cutoff is doubled
 MAX_CUTOFF_GROWTH = 50.0
+LOST_SATURATED = 0.8  # share on the finest level beyond which nothing was found
 MAX_GAIN_LOG = 1.2
 MAX_OFFSET = 200.0
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
@@ -129,7 +130,7 @@ class FrameTracker:
             if not np.isfinite(rmse) or rmse > limits[level]:
                 return None
         T = se3.orthonormalized(T)  # the next hypotheses are products of it: rounding would grow with every frame
-        if abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
+        if saturated > LOST_SATURATED or abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
             return None
         finest = reference.levels[0]
         flows = mean_squared_flow(
