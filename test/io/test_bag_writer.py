@@ -133,7 +133,7 @@ def test_an_interrupted_bag_is_readable(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.bag"]
 
 
-def test_an_interrupt_amid_a_message_leaves_a_readable_bag(tmp_path, monkeypatch):
+def test_an_interrupt_amid_a_message_leaves_a_readable_bag(tmp_path, monkeypatch, interruptible):
     with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "a.bag") as bag:
         write_chunk = bag._writer.write_chunk
 

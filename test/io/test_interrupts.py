@@ -6,7 +6,7 @@ import pytest
 from ceiling_dso_ros.io.interrupts import deferred_interrupt
 
 
-def test_an_interrupt_comes_after_the_block():
+def test_an_interrupt_comes_after_the_block(interruptible):
     steps = []
     with pytest.raises(KeyboardInterrupt), deferred_interrupt():
         signal.raise_signal(signal.SIGINT)
