@@ -157,7 +157,7 @@ class FusionEstimator:
 
     def _wait(self, item: Union[KeyframeEstimate, OdometryStatus]) -> None:
         """Keep an item of the camera until the wheels are heard of after it; before they ever were it is of no use."""
-        if self._track.empty:
+        if not self.wheels.heard:
             return
         bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_s), next(self._count), item))
 

@@ -151,6 +151,11 @@ class WheelOdometry:
         self._rate = np.zeros(3)
 
     @property
+    def heard(self) -> bool:
+        """Whether there was a first sample, from which motion is counted."""
+        return self._last is not None
+
+    @property
     def covariance_odom(self) -> np.ndarray:
         """(3, 3) covariance of the total x, y, yaw in the frame of the origin, the mean radius's error included."""
         own = self.noise.covariance(self.total, self.noise.constants_covariance(with_radius=True))
