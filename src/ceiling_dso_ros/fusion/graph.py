@@ -117,6 +117,12 @@ class FactorBuilder:
             result.append(factors.visual_factor(keys, interval.visual, self._visual_noise, self._estimate_wheels))
         return result
 
+    @staticmethod
+    def guess(interval: Interval) -> gtsam.Pose2:
+        """About the motion of the base: turned as the camera saw it, which is more exact and needs no scale."""
+        forward, left, turn = interval.wheels.pose
+        return gtsam.Pose2(forward, left, turn if interval.visual is None else interval.visual.yaw)
+
     def first_log_scale(self) -> float:
         """Where the estimate of a new segment's scale begins."""
         return math.log(self._config.scale.ceiling_height_m or FIRST_HEIGHT_M)
@@ -174,10 +180,8 @@ class WindowGraph:
 
     def add(self, interval: Interval) -> None:
         """Append the newest keyframe, and turn what leaves the window into a prior."""
-        step = interval.wheels.pose.copy()
-        if interval.visual is not None:  # the camera turns more exactly than the wheels, and needs no scale for it
-            step[2] = interval.visual.yaw
-        pose = self._values.atPose2(factors.pose_key(interval.end - 1)).compose(gtsam.Pose2(*step))
+        before = self._values.atPose2(factors.pose_key(interval.end - 1))
+        pose = before.compose(self._builder.guess(interval))
         log_scale = self._builder.first_log_scale()
         if interval.continues:
             log_scale = self._values.atDouble(factors.scale_key(interval.end - 1))
@@ -267,7 +271,7 @@ def smooth(intervals: Sequence[Interval], config: FusionConfig, noise: WheelNois
         graph.push_back(factor)
     guess, log_scale = gtsam.Pose2(), builder.first_log_scale()
     for interval in intervals:
-        guess = guess.compose(gtsam.Pose2(*interval.wheels.pose))
+        guess = guess.compose(builder.guess(interval))
         values.insert(factors.pose_key(interval.end), guess)
         values.insert(factors.scale_key(interval.end), log_scale)
         for factor in builder.factors(interval):
