@@ -76,6 +76,50 @@ def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_fol
     assert set(alignments("--align", "se3").values()) == {"se3"}
 
 
+def moved(trajectory, shift_m):
+    return Trajectory(trajectory.stamps_s, trajectory.positions + shift_m, trajectory.quaternions_xyzw)
+
+
+@pytest.mark.parametrize("how", ["given", "beside the camera's", "one for all"])
+def test_what_moves_with_the_base_has_a_reference_of_its_own(run_folder, how, capsys):
+    """The base turns about another point than the camera: no alignment makes one path of the other."""
+    camera_m, base_m = drive().positions, drive().positions * [1.0, 0.5, 0.0]
+    write_tum(run_folder / "fused.tum", moved(drive(), base_m - camera_m))
+    folder, words = run_folder.parent, []
+    if how != "one for all":
+        base = folder / ("base.tum" if how == "given" else "reference_base.tum")
+        write_tum(base, moved(drive(), base_m - camera_m))
+        words = ["--base-reference", str(base)] if how == "given" else []
+    assert main(["evaluate", str(run_folder), "--reference", str(folder / "reference.tum"), *words]) == 0
+    evaluation = json.loads((run_folder / "evaluation.json").read_text())
+    rmse_m = {name: numbers["ate_m"]["rmse"] for name, numbers in evaluation["trajectories"].items()}
+    assert rmse_m["camera"] < 1e-6
+    assert (rmse_m["fused"] < 1e-6) == (how != "one for all")
+    against = folder / "reference.tum" if how == "one for all" else base
+    assert evaluation["base_reference"] == str(against)
+    assert f"fused: against {against}" in capsys.readouterr().out
+
+
+def test_files_are_written_before_a_reader_that_leaves(run_folder):
+    """As in `evaluate ... | head -1`."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = ["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]
+    process = subprocess.run(
+        [sys.executable, "-m", "ceiling_dso_ros", *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stdout=writing,
+        stderr=subprocess.PIPE,
+    )
+    os.close(writing)
+    assert (process.returncode, process.stderr) == (0, b"")
+    assert {"evaluation.json", "trajectory.png", "error.svg"} <= {path.name for path in run_folder.iterdir()}
+
+
+def test_missing_base_reference(run_folder, evaluate):
+    assert_refused(evaluate(run_folder, "--base-reference", run_folder / "gt.tum"), "gt.tum", "No such file")
+
+
 def test_interpolates_the_reference_when_asked_to(run_folder):
     between = drive()
     middle_s = between.stamps_s[:-1] + 0.05

@@ -24,7 +24,7 @@ def draw(directory, noise_m=0.02):
         evaluate_trajectory(name, drive(noise_m), drive(), kind, 0.01)
         for name, kind in (("camera_final", AlignmentKind.SIM3), ("wheel", AlignmentKind.SE2))
     ]
-    write_figures(directory, drive().positions, evaluations)
+    write_figures(directory, [drive().positions], evaluations)
     return {name: (directory / name).read_bytes() for name in FILES}
 
 

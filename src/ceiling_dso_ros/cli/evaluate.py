@@ -3,12 +3,19 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Dict
+from typing import TYPE_CHECKING, Dict, Sequence
 
 from ceiling_dso_ros.io.errors import InputError
 
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
+    from ceiling_dso_ros.io.trajectory import Trajectory
+
 # File -> how it is aligned. A camera alone knows no metres; what has wheels does, and moves in the plane.
 TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
+OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -19,7 +26,16 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         description="Compare DIR/*.tum with a reference; writes evaluation.json and figures into DIR.",
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="what `run --out` wrote")
-    parser.add_argument("--reference", metavar="GT.tum", type=Path, required=True, help="TUM trajectory, metres")
+    parser.add_argument(
+        "--reference", metavar="GT.tum", type=Path, required=True, help="TUM trajectory of the camera, metres"
+    )
+    parser.add_argument(
+        "--base-reference",
+        metavar="GT.tum",
+        type=Path,
+        help="the same of base_link, for wheel.tum, fused.tum and fused_smoothed.tum (default GT_base.tum beside the "
+        "--reference GT.tum, or the --reference itself where there is none)",
+    )
     parser.add_argument(
         "--align",
         choices=("auto", "sim3", "se3", "se2", "sim2"),
@@ -47,40 +63,72 @@ def execute(options: argparse.Namespace) -> None:
     Raises:
         InputError: missing or unreadable files, trajectories that cannot be compared, or an unwritable folder.
     """
-    from ceiling_dso_ros.evaluation.alignment import AlignmentKind
-    from ceiling_dso_ros.evaluation.figures import write_figures
-    from ceiling_dso_ros.evaluation.report import EvaluationError, evaluate_trajectory, tables
+    from ceiling_dso_ros.evaluation.report import tables
     from ceiling_dso_ros.io.trajectory import read_tum
 
     directory = options.directory
-    reference = read_tum(options.reference)
+    references = {path: read_tum(path) for path in (options.reference, _base_reference(options))}
     estimates = {name: read_tum(path) for name, path in _find_trajectories(directory).items()}
-    evaluations = []
-    for name, estimate in estimates.items():
-        kind = AlignmentKind(TRAJECTORIES[name] if options.align == "auto" else options.align)
-        try:
-            evaluation = evaluate_trajectory(
-                name, estimate, reference, kind, options.max_difference, options.interpolate
-            )
-        except EvaluationError as error:
-            raise InputError(f"{directory / name}.tum against {options.reference}: {error}") from error
-        evaluations.append(evaluation)
+    evaluations = [_evaluate(name, estimate, references, options) for name, estimate in estimates.items()]
+    used = {_reference_of(name, options): None for name in estimates}  # a dict keeps their order
+    start_s = min(estimate.stamps_s[0] for estimate in estimates.values())
+    end_s = max(estimate.stamps_s[-1] for estimate in estimates.values())
+    drawn = [_positions(references[path], start_s, end_s) for path in used]
+    _write(directory, options, drawn, evaluations)
     print(tables(evaluations))
+    for path in used:
+        print(f"{', '.join(name for name in estimates if _reference_of(name, options) == path)}: against {path}")
+
+
+def _evaluate(
+    name: str, estimate: "Trajectory", references: Dict[Path, "Trajectory"], options: argparse.Namespace
+) -> "TrajectoryEvaluation":
+    from ceiling_dso_ros.evaluation.alignment import AlignmentKind
+    from ceiling_dso_ros.evaluation.report import EvaluationError, evaluate_trajectory
+
+    path = _reference_of(name, options)
+    kind = AlignmentKind(TRAJECTORIES[name] if options.align == "auto" else options.align)
+    try:
+        return evaluate_trajectory(name, estimate, references[path], kind, options.max_difference, options.interpolate)
+    except EvaluationError as error:
+        raise InputError(f"{options.directory / name}.tum against {path}: {error}") from error
+
+
+def _write(
+    directory: Path,
+    options: argparse.Namespace,
+    references_m: Sequence["np.ndarray"],
+    evaluations: Sequence["TrajectoryEvaluation"],
+) -> None:
+    from ceiling_dso_ros.evaluation.figures import write_figures
 
     numbers = {
         "reference": str(options.reference),
+        "base_reference": str(_base_reference(options)),
         "max_difference_s": options.max_difference,
         "interpolated": options.interpolate,
         "trajectories": {evaluation.name: evaluation.numbers() for evaluation in evaluations},
     }
-    start_s = min(estimate.stamps_s[0] for estimate in estimates.values())
-    end_s = max(estimate.stamps_s[-1] for estimate in estimates.values())
-    covered = (reference.stamps_s >= start_s) & (reference.stamps_s <= end_s)
     try:
         (directory / "evaluation.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
-        write_figures(directory, reference.positions[covered], evaluations)
+        write_figures(directory, references_m, evaluations)
     except OSError as error:
         raise InputError(f"{directory}: cannot write the evaluation: {error.strerror}") from error
+
+
+def _positions(reference: "Trajectory", start_s: float, end_s: float) -> "np.ndarray":
+    """Those within the time of the estimates, (M, 3)."""
+    return reference.positions[(reference.stamps_s >= start_s) & (reference.stamps_s <= end_s)]
+
+
+def _reference_of(name: str, options: argparse.Namespace) -> Path:
+    return _base_reference(options) if name in OF_THE_BASE else options.reference
+
+
+def _base_reference(options: argparse.Namespace) -> Path:
+    """As given, else `GT_base.tum` beside the reference `GT.tum`, else the reference itself."""
+    beside = options.reference.with_name(f"{options.reference.stem}_base.tum")
+    return options.base_reference or (beside if beside.exists() else options.reference)
 
 
 def _find_trajectories(directory: Path) -> Dict[str, Path]:

@@ -1,6 +1,7 @@
 """The commands of `python3 -m ceiling_dso_ros` and their exit codes."""
 
 import argparse
+import os
 import signal
 import sys
 from typing import NoReturn, Optional, Sequence
@@ -39,6 +40,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     options = parser.parse_args(arguments)
     try:
         options.execute(options)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
     except InputError as error:

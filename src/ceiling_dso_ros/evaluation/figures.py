@@ -35,27 +35,31 @@ _STYLE = {
 _METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
 
 
-def write_figures(directory: Path, reference_m: np.ndarray, evaluations: Sequence[TrajectoryEvaluation]) -> None:
+def write_figures(
+    directory: Path, references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]
+) -> None:
     """Write trajectory.png, trajectory.svg, error.png and error.svg.
 
     Args:
         directory: an existing folder.
-        reference_m: (M, 3) float64 positions of the reference in its world, metres.
-        evaluations: at least one, all against that reference.
+        references_m: (M, 3) float64 positions of each reference, all in one world, metres.
+        evaluations: at least one, each against one of them.
 
     Raises:
         OSError: a file cannot be written.
     """
     with mpl.rc_context(_STYLE):
-        _save(_trajectory_figure(reference_m, evaluations), directory / "trajectory")
+        _save(_trajectory_figure(references_m, evaluations), directory / "trajectory")
         _save(_error_figure(evaluations), directory / "error")
 
 
-def _trajectory_figure(reference_m: np.ndarray, evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
+def _trajectory_figure(references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
     """Seen along the reference world's z axis, as it is drawn on a floor plan."""
     figure = Figure(figsize=(6.4, 5.2), layout="constrained")
     axes = figure.add_subplot(title="Trajectory from above, aligned to the reference", xlabel="x [m]", ylabel="y [m]")
-    axes.plot(reference_m[:, 0], reference_m[:, 1], color=_REFERENCE_COLOUR, linewidth=2.6, label="reference")
+    for index, (x, y, _) in enumerate(positions_m.T for positions_m in references_m):
+        label = None if index else "reference"
+        axes.plot(x, y, color=_REFERENCE_COLOUR, linewidth=2.6, label=label)
     for colour, evaluation in zip(_colours(evaluations), evaluations):
         x, y = evaluation.aligned[:, 0, 3], evaluation.aligned[:, 1, 3]
         axes.plot(x, y, color=colour, linewidth=1.1, label=evaluation.name)
