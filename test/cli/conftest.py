@@ -16,6 +16,11 @@ ROOT = Path(__file__).parents[2]
 WIDTH, HEIGHT, COUNT = 192, 144, 40
 START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
 FOCAL_PX = 120.0
+ROBOT = """ticks_per_turn: 4096
+wheel_radius: [0.1, 0.1]
+wheel_base: 0.5
+T_base_camera: {xyz: [0.18, 0.0, 0.62], quat_xyzw: [0, 0, 0, 1]}
+"""
 
 
 def stamp(index):
@@ -48,6 +53,16 @@ def tum_folder(tmp_path):
     lens = f"Pinhole {FOCAL_PX} {FOCAL_PX} {WIDTH / 2 - 0.5} {HEIGHT / 2 - 0.5} 0"
     (folder / "camera.txt").write_text(f"{lens}\n{size}\nnone\n{size}\n")
     return folder
+
+
+@pytest.fixture
+def wheeled_folder(tum_folder):
+    """The same with wheels that drive as fast as the camera sees."""
+    stamps = [line.split()[1] for line in (tum_folder / "times.txt").read_text().splitlines()]
+    rows = [f"{stamp},{7 + 52 * index},{7 + 52 * index}\n" for index, stamp in enumerate(stamps)]
+    (tum_folder / "encoders.csv").write_text("stamp,left,right\n" + "".join(rows))
+    (tum_folder / "robot.yaml").write_text(ROBOT)
+    return tum_folder
 
 
 @pytest.fixture(scope="session")

@@ -15,13 +15,14 @@ import pytest
 
 from ceiling_dso_ros import dso
 from ceiling_dso_ros.cli.main import main
-from ceiling_dso_ros.cli.settings import load_settings
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
+from ceiling_dso_ros.settings import load_settings
 
 FRAMES = 40
 TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
+FUSED = {"wheel.tum", "fused.tum", "fused_smoothed.tum"}
 OUTPUTS = {*TRAJECTORIES, "timing.csv", "config.yaml", "summary.json"}
 IMAGE = "/camera/up/image_raw"
 
@@ -82,6 +83,40 @@ def test_running_twice_and_from_a_bag_gives_the_same_bytes(tum_folder, bag_of, c
         outputs.append([(out / name).read_bytes() for name in (*TRAJECTORIES, "config.yaml")])
     assert len(outputs[0][0]) > 0
     assert outputs[0] == outputs[1] == outputs[2]
+
+
+def test_with_wheels_it_fuses_and_twice_gives_the_same_bytes(wheeled_folder, command, tmp_path):
+    """Panels 3 m above move 0.8 pixels an image, which are 20 mm; the beams are half as far."""
+    outputs = []
+    for out in (tmp_path / "first", tmp_path / "second"):
+        result = command("run", wheeled_folder, "--out", out)
+        assert (result.returncode, result.stderr) == (0, "")
+        assert {path.name for path in out.iterdir()} == OUTPUTS | FUSED
+        outputs.append([(out / name).read_bytes() for name in sorted(FUSED)])
+    assert outputs[0] == outputs[1]
+
+    summary = summary_of(tmp_path / "first")
+    assert {"slips", "fusion"} <= set(summary)
+    assert summary["scale"]["value"] > 0
+    assert len(read_tum(tmp_path / "first" / "fused.tum")) == FRAMES - 1
+    assert len(read_tum(tmp_path / "first" / "fused_smoothed.tum")) == summary["keyframes"]
+    way_m = read_tum(tmp_path / "first" / "wheel.tum").positions[-1]
+    np.testing.assert_allclose(way_m, [39 * 52 / 4096 * 2 * np.pi * 0.1, 0, 0], atol=1e-6)
+
+
+def test_wheels_of_an_unknown_robot_are_not_fused(wheeled_folder, command, tmp_path):
+    (wheeled_folder / "robot.yaml").unlink()
+    result = command("run", wheeled_folder, "--out", tmp_path / "out")
+    assert result.returncode == 0
+    assert result.stderr.startswith("warning: ")
+    assert "--robot" in result.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
+
+
+def test_a_camera_that_looks_down_is_refused(wheeled_folder, command, tmp_path):
+    robot = wheeled_folder / "robot.yaml"
+    robot.write_text(robot.read_text().replace("[0, 0, 0, 1]", "[1, 0, 0, 0]"))
+    assert_refused(command("run", wheeled_folder, "--out", tmp_path / "out"), str(wheeled_folder), "must look up")
 
 
 def test_other_topics_of_a_bag(tum_folder, bag_of, command, tmp_path):

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -67,3 +69,7 @@ def test_without_images_there_are_wheels_alone(tmp_path):
     assert playback.summary()["scale"] == {"value": None, "sigma": None, "converged": False}
     assert (tmp_path / "fused.tum").read_text() == (tmp_path / "wheel.tum").read_text()
     assert (tmp_path / "fused_smoothed.tum").read_text() == ""
+
+
+def test_knows_of_a_late_camera():
+    assert robot_model(dataclasses.replace(ROBOT, camera_time_offset_s=-0.01)).camera_time_offset_s == -0.01

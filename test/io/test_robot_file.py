@@ -31,6 +31,11 @@ def test_all_values(tmp_path):
     np.testing.assert_allclose(robot.T_base_camera, expected, atol=1e-15)
 
 
+def test_the_cameras_clock_is_right_unless_the_file_says_otherwise(tmp_path):
+    assert read(tmp_path, ROBOT + MOUNT).camera_time_offset_s == 0.0
+    assert read(tmp_path, ROBOT + MOUNT + "camera_time_offset: -0.012").camera_time_offset_s == -0.012
+
+
 def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
     other = np.diag([1.0, -1.0, -1.0, 1.0])
     np.testing.assert_array_equal(read(tmp_path, ROBOT, T_base_camera=other).T_base_camera, other)
@@ -48,6 +53,7 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
         (ROBOT.replace("wheel_base", "base"), "wheel_base must be a positive number, not None"),
         (ROBOT.replace("0.485", "-0.485"), "wheel_base must be a positive number, not -0.485"),
         (ROBOT.replace("0.485", ".nan"), "wheel_base must be a positive number, not nan"),
+        (ROBOT + MOUNT + "camera_time_offset: late", "camera_time_offset must be a number, not late"),
         (ROBOT, "T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers)"),
         (ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[0, 0, 0, 0]"), "T_base_camera must have xyz (3 numbers, metres)"),
     ],

@@ -3,11 +3,12 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Optional
 
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
+    from ceiling_dso_ros.evaluation.fusing import FusionPlayback
     from ceiling_dso_ros.io.recording import Recording
 
 
@@ -17,7 +18,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "run",
         help="from a recording to trajectories",
         description="Track the camera of a recording; writes camera.tum, camera_final.tum, keyframes.tum, timing.csv, "
-        "config.yaml and summary.json into DIR, also when it is interrupted.",
+        "config.yaml and summary.json into DIR, and where the recording has wheels wheel.tum, fused.tum and "
+        "fused_smoothed.tum, also when it is interrupted.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go; made if missing")
@@ -39,20 +41,21 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run the odometry over the whole recording and write the results, whatever happens on the way.
+    """Run odometry and fusion over the whole recording and write the results, whatever happens on the way.
 
     Raises:
         InputError: wrong settings, unreadable recording, or a folder that cannot be written.
     """
     from tqdm import tqdm
 
-    from ceiling_dso_ros.cli.settings import load_settings, write_settings
     from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.evaluation.playback import Playback
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+    from ceiling_dso_ros.settings import load_settings, write_settings
 
     config = load_settings(options.config, options.overrides)
     recording = _open_recording(options)
+    fusion = _fusion(recording)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         write_settings(options.out / "config.yaml", config)
@@ -62,7 +65,8 @@ def execute(options: argparse.Namespace) -> None:
     playback = Playback(
         ImagePreprocessor(recording.calibration, recording.photometric),
         DirectOdometry(recording.calibration.camera, config),
-        warn=lambda message: tqdm.write(f"warning: {message}", file=sys.stderr),
+        _warn,
+        fusion,
     )
     end = "complete"
     try:
@@ -89,14 +93,35 @@ def _open_recording(options: argparse.Namespace) -> "Recording":
         "camera_info": options.camera_info_topic,
         "exposure": options.exposure_topic,
     }
-    recording = open_recording(
+    return open_recording(
         options.input,
         TopicNames(**{name: topic for name, topic in topics.items() if topic is not None}),
         camera_file=options.camera,
         robot_file=options.robot,
     )
-    recording.robot  # noqa: B018  # read on demand: a wrong robot.yaml shall be known before the run, not after it
-    return recording
+
+
+def _fusion(recording: "Recording") -> Optional["FusionPlayback"]:
+    """None where there is nothing to fuse; a wrong robot.yaml shall be known before the run, not after it."""
+    from ceiling_dso_ros.dso.config import ConfigError
+    from ceiling_dso_ros.evaluation.fusing import FusionPlayback, robot_model
+
+    robot, wheels = recording.robot, recording.wheels
+    if wheels is None:
+        return None
+    if robot is None:
+        _warn(f"{recording.path}: the wheels are not used, since the robot's dimensions are unknown; give --robot")
+        return None
+    try:
+        return FusionPlayback(wheels, robot_model(robot))
+    except ConfigError as error:
+        raise InputError(f"{recording.path}: {error}") from error
+
+
+def _warn(message: str) -> None:
+    from tqdm import tqdm
+
+    tqdm.write(f"warning: {message}", file=sys.stderr)
 
 
 def _describe(summary: dict, directory: Path) -> str:

@@ -20,7 +20,13 @@ def robot_model(robot: RobotDescription) -> RobotModel:
     Raises:
         ConfigError: the camera does not look up, or a dimension is out of range.
     """
-    return RobotModel(robot.T_base_camera, robot.wheel_base_m, robot.wheel_radius_m, robot.ticks_per_turn)
+    return RobotModel(
+        robot.T_base_camera,
+        robot.wheel_base_m,
+        robot.wheel_radius_m,
+        robot.ticks_per_turn,
+        camera_time_offset_s=robot.camera_time_offset_s,
+    )
 
 
 class FusionPlayback:

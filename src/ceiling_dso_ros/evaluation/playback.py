@@ -3,9 +3,10 @@
 import json
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Union
+from typing import Any, Callable, Dict, Iterable, List, Optional, Union
 
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
+from ceiling_dso_ros.evaluation.fusing import FusionPlayback
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.evaluation.timing import TimingLog
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
@@ -14,7 +15,7 @@ from ceiling_dso_ros.io.trajectory import write_tum
 
 
 class Playback:
-    """One run of the odometry over a recording.
+    """One run of the odometry, and of the fusion where there are wheels, over a recording.
 
     What has been computed can be written at any time, also after `play` was interrupted or failed.
 
@@ -24,10 +25,17 @@ class Playback:
         warnings: what was wrong with skipped frames.
     """
 
-    def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        preprocess: ImagePreprocessor,
+        odometry: DirectOdometry,
+        warn: Callable[[str], None],
+        fusion: Optional[FusionPlayback] = None,
+    ) -> None:
         self._preprocess = preprocess
         self._odometry = odometry
         self._warn = warn
+        self._fusion = fusion
         self.trajectories = TrajectoryRecorder()
         self.timing = TimingLog()
         self.warnings: List[str] = []
@@ -40,6 +48,8 @@ class Playback:
                 self._warn(frame.reason)
             else:
                 self._track(frame)
+        if self._fusion is not None:
+            self._fusion.finish()
 
     def write(self, directory: Path, end: str) -> None:
         """Write all files of a run but its settings.
@@ -55,11 +65,14 @@ class Playback:
         write_tum(directory / "camera_final.tum", self.trajectories.final())
         write_tum(directory / "keyframes.tum", self.trajectories.keyframes())
         self.timing.write_csv(directory / "timing.csv")
+        if self._fusion is not None:
+            self._fusion.write(directory)
         summary = json.dumps({**self.summary(), "end": end}, indent=2, allow_nan=False)
         (directory / "summary.json").write_text(summary + "\n")
 
     def summary(self) -> Dict[str, Any]:
-        """Counts, times and warnings; the scale stays unknown as long as there is only a camera."""
+        """Counts, times and warnings, and what the fusion says; with a camera alone the scale stays unknown."""
+        unknown = {"scale": {"value": None, "sigma": None, "converged": False}}
         return {
             "frames": len(self.timing),
             "tracked": self.timing.count(TrackingState.TRACKING),
@@ -67,7 +80,7 @@ class Playback:
             "keyframes": len(self.trajectories.keyframes()),
             "segments": self.trajectories.segments,
             "ms": self.timing.statistics_ms(),
-            "scale": {"value": None, "sigma": None, "converged": False},
+            **(unknown if self._fusion is None else self._fusion.summary()),
             "warnings": self.warnings,
         }
 
@@ -80,3 +93,5 @@ class Playback:
         self.trajectories.add(status)
         stages_ms = {"undistort": 1e3 * (preprocessed - start), **status.timing_ms}
         self.timing.add(status, 1e3 * (end - start), stages_ms)
+        if self._fusion is not None:
+            self._fusion.add(status)

@@ -86,12 +86,14 @@ class RobotDescription:
         wheel_radius_m: left, right.
         wheel_base_m: distance between the wheels.
         T_base_camera: (4, 4) pose of the camera's optical frame in base_link.
+        camera_time_offset_s: what to add to an image's stamp to have it on the wheels' clock.
     """
 
     ticks_per_turn: float
     wheel_radius_m: Tuple[float, float]
     wheel_base_m: float
     T_base_camera: np.ndarray
+    camera_time_offset_s: float = 0.0
 
 
 @dataclass(frozen=True)

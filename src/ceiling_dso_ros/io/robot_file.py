@@ -12,7 +12,10 @@ from ceiling_dso_ros.io.recording import RobotDescription
 
 
 def read_robot_file(path: Path, T_base_camera: Optional[np.ndarray] = None) -> RobotDescription:
-    """Read ticks_per_turn, wheel_radius [left, right] and wheel_base in metres, and T_base_camera {xyz, quat_xyzw}.
+    """Read a robot's dimensions.
+
+    They are ticks_per_turn, wheel_radius [left, right] and wheel_base in metres, T_base_camera {xyz, quat_xyzw}, and
+    optionally camera_time_offset in seconds.
 
     Args:
         path: the yaml file.
@@ -35,7 +38,10 @@ def read_robot_file(path: Path, T_base_camera: Optional[np.ndarray] = None) -> R
     (wheel_base_m,) = _positive_numbers(content, "wheel_base", 1, path)
     if "T_base_camera" in content or T_base_camera is None:
         T_base_camera = _transform(content.get("T_base_camera"), path)
-    return RobotDescription(ticks_per_turn, (left_m, right_m), wheel_base_m, T_base_camera)
+    offset_s = _numbers(content.get("camera_time_offset", 0.0), 1)
+    if offset_s is None:
+        raise InputError(f"{path}: camera_time_offset must be a number, not {content['camera_time_offset']}")
+    return RobotDescription(ticks_per_turn, (left_m, right_m), wheel_base_m, T_base_camera, *offset_s)
 
 
 def _positive_numbers(content: dict, key: str, count: int, path: Path) -> Sequence[float]:
