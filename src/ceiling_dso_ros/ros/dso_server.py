@@ -9,7 +9,6 @@ import rospy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.cli.settings import load_settings
 from ceiling_dso_ros.dso import DirectOdometry
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
@@ -20,6 +19,7 @@ from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status
 from ceiling_dso_ros.ros.exposures import ExposureLookup
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
+from ceiling_dso_ros.settings import load_settings
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
 BUFFER_BYTES = 2**24  # several images; with rospy's 64 kB old ones would wait unseen in the socket

@@ -3,9 +3,10 @@ import re
 
 import pytest
 
-from ceiling_dso_ros.cli.settings import load_settings, write_settings
 from ceiling_dso_ros.dso import OdometryConfig
+from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.settings import load_settings, write_settings
 
 
 def yaml_file(tmp_path, text):
@@ -86,3 +87,11 @@ def test_unreadable_files_are_named(tmp_path, make):
     make(path)
     with pytest.raises(InputError, match=r"settings\.yaml: cannot read"):
         load_settings(path, [])
+
+
+def test_settings_of_the_fusion(tmp_path):
+    path = yaml_file(tmp_path, "scale: {ceiling_height_m: 6.5}\nwheels: {silence_s: 1.0}")
+    config = load_settings(path, kind=FusionConfig)
+    assert (config.scale.ceiling_height_m, config.wheels.silence_s) == (6.5, 1.0)
+    with pytest.raises(InputError, match=r"wheels\.silence_s"):
+        load_settings(yaml_file(tmp_path, "wheels: {silence_s: 100.0}"), kind=FusionConfig)

@@ -1,8 +1,8 @@
-"""Reads and writes the settings of a run: defaults, then a yaml file, then `--set key=value`."""
+"""Reads and writes settings: defaults, then a yaml file, then `key=value`; for the command line and the nodes."""
 
 import dataclasses
 from pathlib import Path
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, Type, TypeVar
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
@@ -11,18 +11,21 @@ from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
 from ceiling_dso_ros.io.errors import InputError
 
+Config = TypeVar("Config")
 
-def load_settings(path: Optional[Path], overrides: Sequence[str]) -> OdometryConfig:
+
+def load_settings(path: Optional[Path], overrides: Sequence[str] = (), kind: Type[Config] = OdometryConfig) -> Config:
     """Merge the settings.
 
     Args:
-        path: a yaml file with the nested names of OdometryConfig, all optional.
+        path: a yaml file with the nested names of the dataclass, all optional.
         overrides: `key=value` with dots between the names, as in `window.max_keyframes=5`; the last one counts.
+        kind: the dataclass, OdometryConfig or FusionConfig.
 
     Raises:
         InputError: unreadable file, unknown name, value of another type or out of range.
     """
-    settings = OmegaConf.structured(OdometryConfig)
+    settings = OmegaConf.structured(kind)
     _make_writable(settings)
     if path is not None:
         _merge(settings, _read_yaml(path), str(path))
@@ -43,7 +46,7 @@ def load_settings(path: Optional[Path], overrides: Sequence[str]) -> OdometryCon
     return config
 
 
-def write_settings(path: Path, config: OdometryConfig) -> None:
+def write_settings(path: Path, config: object) -> None:
     """Write all values as yaml that `load_settings` reads.
 
     Raises:
