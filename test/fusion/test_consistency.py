@@ -2,35 +2,16 @@
 
 import numpy as np
 import pytest
+from fused_drive import drawn_runs
 from scipy.stats import chi2
-
-from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.config import FusionConfig, WheelConfig
 
 pytestmark = pytest.mark.long
 RUNS, SECONDS = 50, 30.0
-WHEELS = WheelConfig()
 
 
 @pytest.fixture(scope="module")
-def errors(simulate, truth, fuse):
-    """Errors and covariances at the end of runs whose truth is drawn from what the settings say of it."""
-    rng, result = np.random.default_rng(7), []
-    for seed in range(RUNS):
-        drawn = truth(
-            ratio=WHEELS.ratio_sigma * rng.normal(),
-            base=WHEELS.base_sigma * rng.normal(),
-            radius=WHEELS.radius_sigma * rng.normal(),
-            wheel_noise=WHEELS.noise_m_per_sqrt_m,
-            unit_m=4.5 * np.exp(0.2 * rng.normal()),
-        )
-        fused = fuse(simulate(("loops", "square")[seed % 2], SECONDS, seed, drawn), FusionConfig(), False)
-        last = fused.states[-1]
-        true = fused.drive.pose_at(last.stamp_s)
-        error = np.array([*(last.pose - true)[:2], planar.wrap(last.pose[2] - true[2])])
-        _, key, scale = fused.scales[-1]
-        result.append((error, last.covariance, np.log(scale.value / fused.drive.metres_per_unit[key]), scale.sigma))
-    return result
+def errors():
+    return list(drawn_runs(RUNS, SECONDS))
 
 
 def bounds(dimensions):
