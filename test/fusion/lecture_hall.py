@@ -12,7 +12,7 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
 FOLDER = DATA / "wheels_lecture_hall"
 # Of that robot, documented in docs/fusion.md; its odometry turned 2.5 rad too little over 733 m.
-NOISE = WheelConfig(noise_m_per_sqrt_m=0.005, radius_sigma=0.01, ratio_sigma=0.003, base_sigma=0.02)
+NOISE = WheelConfig(noise_m_per_sqrt_m=0.005, radius_sigma=0.01, ratio_sigma=0.005, base_sigma=0.02)
 WHEEL_BASE_M = 0.5
 
 

@@ -2,13 +2,13 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, List
+from typing import TYPE_CHECKING, Iterator
 
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 if TYPE_CHECKING:
+    from ceiling_dso_ros.dso import OdometryStatus
     from ceiling_dso_ros.fusion.calibration import Calibration
-    from ceiling_dso_ros.fusion.calibration_data import CameraPose
     from ceiling_dso_ros.io.recording import Recording
 
 
@@ -39,6 +39,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.evaluation.fusing import robot_model
     from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
+    from ceiling_dso_ros.fusion.calibration_data import camera_poses
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
     from ceiling_dso_ros.io.opening import open_recording
@@ -56,7 +57,7 @@ def execute(options: argparse.Namespace) -> None:
         odometry = WheelOdometry(robot, WheelConfig())
         samples = zip(wheels.stamps_s.tolist(), wheels.left.tolist(), wheels.right.tolist())
         steps = [step for step in (odometry.add_ticks(*sample) for sample in samples) if step is not None]
-        calibration = calibrate(steps, _track(recording), robot)
+        calibration = calibrate(steps, camera_poses(_track(recording)), robot)
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
     print(_table(calibration))
@@ -66,27 +67,20 @@ def execute(options: argparse.Namespace) -> None:
         raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
 
 
-def _track(recording: "Recording") -> List["CameraPose"]:
-    """Poses of all tracked images, re-expressed on their keyframes as last refined."""
+def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
+    """What the odometry says of all images that can be read."""
     from tqdm import tqdm
 
-    from ceiling_dso_ros.dso import DirectOdometry, TrackingState
-    from ceiling_dso_ros.fusion.calibration_data import CameraPose
+    from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
-    from ceiling_dso_ros.io.recording import SkippedFrame
+    from ceiling_dso_ros.io.recording import Frame
 
     preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
     odometry = DirectOdometry(recording.calibration.camera)
-    tracked, keyframes = [], {}
     with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
         for frame in frames:
-            if isinstance(frame, SkippedFrame):
-                continue
-            status = odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
-            keyframes.update((keyframe.keyframe_id, keyframe.T_world_camera) for keyframe in status.keyframes)
-            if status.state is TrackingState.TRACKING:
-                tracked.append((status.stamp_s, status.segment, status.keyframe_id, status.T_keyframe_camera))
-    return [CameraPose(stamp_s, segment, keyframes[key] @ T) for stamp_s, segment, key, T in tracked]
+            if isinstance(frame, Frame):
+                yield odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
 
 
 def _table(calibration: "Calibration") -> str:

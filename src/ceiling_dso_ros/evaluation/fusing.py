@@ -62,10 +62,23 @@ class FusionPlayback:
         Raises:
             OutputError: a file cannot be written.
         """
-        nodes = self.estimator.smoothed()
-        write_tum(directory / "wheel.tum", _trajectory(*_columns(self._wheel)))
+        write_tum(directory / "wheel.tum", self.wheel())
         write_tum(directory / "fused.tum", self.fused())
-        write_tum(directory / "fused_smoothed.tum", _trajectory([n.stamp_s for n in nodes], [n.pose for n in nodes]))
+        write_tum(directory / "fused_smoothed.tum", self.smoothed())
+
+    @property
+    def states(self) -> Sequence[FusedState]:
+        """What would have been published, in order."""
+        return self._fused
+
+    def wheel(self) -> Trajectory:
+        """The wheels alone, at every sample but the first."""
+        return _trajectory([stamp_s for stamp_s, _ in self._wheel], [pose for _, pose in self._wheel])
+
+    def smoothed(self) -> Trajectory:
+        """The keyframes by the graph of all that was taken in."""
+        nodes = self.estimator.smoothed()
+        return _trajectory([node.stamp_s for node in nodes], [node.pose for node in nodes])
 
     def fused(self) -> Trajectory:
         """What would have been published, at every wheel sample."""
@@ -102,10 +115,6 @@ class FusionPlayback:
                 changes.append({"stamp": fused.stamp_s, "state": fused.state.value, "reasons": list(fused.reasons)})
                 last = sources
         return changes
-
-
-def _columns(rows: Sequence[Tuple[float, np.ndarray]]) -> Tuple[List[float], List[np.ndarray]]:
-    return [stamp_s for stamp_s, _ in rows], [pose for _, pose in rows]
 
 
 def _trajectory(stamps_s: Sequence[float], poses: Sequence[np.ndarray]) -> Trajectory:

@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence
+from typing import Dict, Iterable, List, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
 PAIR_S = 0.4  # between the images of a pair
@@ -19,6 +20,17 @@ class CameraPose:
     stamp_s: float
     segment: int
     T_world_camera: np.ndarray
+
+
+def camera_poses(statuses: Iterable[OdometryStatus]) -> List[CameraPose]:
+    """Poses of all tracked images, re-expressed on their keyframes as last refined."""
+    tracked: List[OdometryStatus] = []
+    keyframes: Dict[int, np.ndarray] = {}
+    for status in statuses:
+        keyframes.update((keyframe.keyframe_id, keyframe.T_world_camera) for keyframe in status.keyframes)
+        if status.state is TrackingState.TRACKING:
+            tracked.append(status)
+    return [CameraPose(s.stamp_s, s.segment, keyframes[s.keyframe_id] @ s.T_keyframe_camera) for s in tracked]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, Trackin
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
-from ceiling_dso_ros.fusion.graph import SmoothedNode
+from ceiling_dso_ros.fusion.graph import GraphEstimate, SmoothedNode
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
 from ceiling_dso_ros.fusion.prediction import CameraMotion, predict_camera_motion
@@ -101,6 +101,11 @@ class FusionEstimator:
     def scale(self) -> ScaleState:
         """The scale of the newest keyframe's segment."""
         return self._backend.scale
+
+    @property
+    def newest_keyframe(self) -> Optional[GraphEstimate]:
+        """The newest keyframe as the graph sees it, its pose counted from the first wheel sample; None before."""
+        return self._backend.estimate
 
     @property
     def slips(self) -> List[SlipReport]:

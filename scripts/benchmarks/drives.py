@@ -1,0 +1,70 @@
+"""Recordings as the odometry has seen them, kept in a folder, since rendering and tracking a drive takes minutes."""
+
+import hashlib
+import pickle
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Tuple
+
+from tqdm import tqdm
+
+from ceiling_dso_ros import dso, simulation
+from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+from ceiling_dso_ros.io.recording import Frame, Recording
+from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.recording import SimulatedRecording
+
+UNSEEN_EVENTS = ("slip",)
+
+Statuses = Tuple[OdometryStatus, ...]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where the odometry's word on recordings is kept.
+
+    Attributes:
+        folder: made if missing.
+        fresh: track again what is there already.
+    """
+
+    folder: Path
+    fresh: bool = False
+
+    def statuses(self, recording: Recording, name: str) -> Statuses:
+        """What the odometry says of every image of a recording that goes by that name in the folder."""
+        path, version = self.folder / f"{name}.pickle", _version()
+        if self.fresh or not path.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(pickle.dumps((version, _track(recording, name))))
+        tracked_by, statuses = pickle.loads(path.read_bytes())
+        if tracked_by != version:
+            print(f"{path}: of another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
+        return statuses
+
+    def drive(self, config: SimulationConfig) -> Tuple[SimulatedRecording, Statuses]:
+        """A simulated drive; drives that differ in wheels, slip and late stamps alone share their images."""
+        seen = tuple(event for event in config.events if event.partition("@")[0] not in UNSEEN_EVENTS)
+        name = "_".join([config.sequence, config.ceiling, str(config.seed), *seen])
+        statuses = self.statuses(SimulatedRecording(replace(config, events=seen, time_offset_s=0.0)), name)
+        late = (replace(status, stamp_s=status.stamp_s + config.time_offset_s) for status in statuses)
+        return SimulatedRecording(config), tuple(late) if config.time_offset_s else statuses
+
+
+def _track(recording: Recording, name: str) -> Statuses:
+    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+    odometry = DirectOdometry(recording.calibration.camera)
+    frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
+    return tuple(
+        odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
+        for frame in frames
+        if isinstance(frame, Frame)
+    )
+
+
+def _version() -> str:
+    """Of all that the odometry's word depends on."""
+    sources = (path for package in (dso, simulation) for path in Path(package.__file__).parent.rglob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

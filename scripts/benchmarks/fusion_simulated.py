@@ -1,0 +1,82 @@
+"""Parts of the fusion's benchmark that need no images: simulated at the level of trajectories, and real wheels."""
+
+import sys
+import time
+from pathlib import Path
+from typing import Iterator, List, Tuple
+
+import numpy as np
+from drives import Kept
+from scipy.stats import chi2
+from table import Row
+from tqdm import tqdm
+
+from ceiling_dso_ros.fusion.estimator import FusionEstimator
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test" / "fusion"))
+
+import lecture_hall
+from fused_drive import drawn_runs
+from simulated_drive import simulate_drive
+
+RUNS, RUN_S = 50, 30.0
+MINUTES = 30.0
+
+
+def consistency(_: Kept, __: int) -> Iterator[Row]:
+    """Whether the errors of many runs are as large as their covariances say."""
+    runs = list(tqdm(drawn_runs(RUNS, RUN_S), total=RUNS, desc="consistency", unit="run", disable=None))
+    pose = np.mean([error @ np.linalg.solve(covariance, error) for error, covariance, _, _ in runs])
+    scale = np.mean([(error / sigma) ** 2 for _, _, error, sigma in runs])
+    for name, nees, dimensions in (("x, y, yaw", pose, 3), ("log-scale", scale, 1)):
+        low, high = chi2.ppf([0.025, 0.975], RUNS * dimensions) / RUNS
+        yield Row(f"{RUNS} runs", f"mean NEES of {name}", [nees], high, low)
+
+
+def timing(_: Kept, __: int) -> Iterator[Row]:
+    """Half an hour of driving: how long graph updates take, and what they keep."""
+    updates_ms, memory_mb = _half_an_hour()
+    third = len(updates_ms) // 3
+    first, last = np.percentile(updates_ms[:third], 99), np.percentile(updates_ms[-third:], 99)
+    subject = f"{MINUTES:.0f} min, {len(updates_ms)} updates"
+    yield Row(subject, "graph update, 99th percentile, ms", [np.percentile(updates_ms, 99)], 30.0)
+    yield Row(subject, "last third / first third of the time", [last / first], 1.2)
+    yield Row(subject, "memory gained in the last 20 min, MB", [memory_mb[-1] - memory_mb[len(memory_mb) // 3]], 2.0)
+
+
+def _half_an_hour() -> Tuple[np.ndarray, List[float]]:
+    """Milliseconds of processor time of the wheel samples with a graph update and the images before; memory a minute."""
+    drive = simulate_drive("loops", 60.0 * MINUTES)
+    estimator = FusionEstimator(drive.robot)
+    updates_ms, memory_mb = [], []
+    took_s, estimate = 0.0, None
+    for stamp_s, is_camera, data in tqdm(drive.events(), desc="timing", unit="event", disable=None):
+        if stamp_s - drive.stamps[0] >= 60.0 * len(memory_mb):
+            memory_mb.append(_resident_mb())
+        start_s = time.process_time()
+        if is_camera:
+            estimator.add_keyframes(data)
+            estimator.add_frame(data)
+        else:
+            estimator.add_wheel_ticks(stamp_s, *data)
+        took_s += time.process_time() - start_s
+        if estimator.newest_keyframe is not estimate:
+            estimate = estimator.newest_keyframe
+            updates_ms.append(1e3 * took_s)
+        if not is_camera:
+            took_s = 0.0
+    return np.array(updates_ms), memory_mb
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096 / 1e6
+
+
+def wheels_lecture_hall(_: Kept, __: int) -> Iterator[Row]:
+    """Real dead reckoning over 733 m with the noise setting that docs/fusion.md documents."""
+    within = (np.abs(lecture_hall.normalised_errors()) < 3.0).all(axis=1)
+    yield Row("wheels_lecture_hall", "x, y and yaw all within 3 sigma, % of the time", [100 * within.mean()], low=95.0)
+
+
+PARTS = (consistency, timing, wheels_lecture_hall)
