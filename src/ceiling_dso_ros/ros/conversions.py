@@ -5,7 +5,7 @@ from typing import Tuple, Union
 
 import numpy as np
 from genpy import Time
-from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Pose, Transform
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CompressedImage, Image
@@ -45,6 +45,28 @@ def pose_from_matrix(T_parent_child: np.ndarray) -> Pose:
     quaternion = Rotation.from_matrix(T_parent_child[:3, :3]).as_quat().tolist()
     pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = quaternion
     return pose
+
+
+def matrix_from_pose(pose: Pose) -> np.ndarray:
+    """(4, 4) transform of a geometry_msgs/Pose, the inverse of `pose_from_matrix`."""
+    position, orientation = pose.position, pose.orientation
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat([orientation.x, orientation.y, orientation.z, orientation.w]).as_matrix()
+    T[:3, 3] = position.x, position.y, position.z
+    return T
+
+
+def matrix_from_transform(transform: Transform) -> np.ndarray:
+    """(4, 4) of a geometry_msgs/Transform."""
+    return matrix_from_pose(Pose(transform.translation, transform.rotation))
+
+
+def ros_time(stamp_s: float) -> Time:
+    """The stamp whose seconds these are.
+
+    Exact arithmetic: doubles of seconds since 1970 are 0.2 us apart, and this comes back to the same one.
+    """
+    return Time(0, round(Fraction(stamp_s) * 10**9))
 
 
 def pose_covariance(covariance: np.ndarray, T_world_camera: np.ndarray) -> np.ndarray:
@@ -89,7 +111,8 @@ def unknown_covariance() -> np.ndarray:
 
 
 def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStatus:
-    """VisualOdometryStatus of an image, its counts and times left to the node."""
+    """VisualOdometryStatus of an image, its counts, times and frame left to the node."""
+    relative = status.T_keyframe_camera
     return VisualOdometryStatus(
         header=header,
         state=STATES[status.state],
@@ -97,6 +120,8 @@ def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStat
         segment=status.segment,
         is_keyframe=status.is_keyframe,
         keyframe_id=status.keyframe_id,
+        pose_in_keyframe=Pose() if relative is None else pose_from_matrix(relative),
+        window_changed=bool(status.keyframes),
         active_points=status.active_points,
         candidate_points=status.candidate_points,
         rmse=status.rmse,
@@ -114,12 +139,10 @@ def keyframes_message(header: Header, keyframes: Tuple[KeyframeEstimate, ...]) -
 
 
 def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
-    # Exact arithmetic: doubles of seconds since 1970 are 0.2 us apart, and this comes back to the same one.
-    stamp = Time(0, round(Fraction(keyframe.stamp_s) * 10**9))
     affine_a, affine_b = keyframe.affine
     return Keyframe(
         id=keyframe.keyframe_id,
-        stamp=stamp,
+        stamp=ros_time(keyframe.stamp_s),
         segment=keyframe.segment,
         pose=pose_from_matrix(keyframe.T_world_camera),
         affine_a=affine_a,

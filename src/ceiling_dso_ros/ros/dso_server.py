@@ -1,30 +1,44 @@
 """The server behind dso_node: live images in, visual odometry out."""
 
 import math
+import threading
 import time
-from pathlib import Path
-from typing import Optional, Tuple, Union
+from typing import Dict, Optional, Tuple, Union
 
 import rospy
+from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.dso import DirectOdometry
+from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
+from ceiling_dso_ros.dso.map_points import map_points
+from ceiling_dso_ros.dso.warmup import warm_up
+from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
+from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.exposures import ExposureLookup
 from ceiling_dso_ros.ros.mailbox import Mailbox
+from ceiling_dso_ros.ros.map_publisher import MapPublisher
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
-from ceiling_dso_ros.settings import load_settings
+from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
 BUFFER_BYTES = 2**24  # several images; with rospy's 64 kB old ones would wait unseen in the socket
 EXPOSURE_TIMEOUT_S = 0.05
 WARNING_PERIOD_S = 5.0
+LEVELS = {VisualOdometryStatus.TRACKING: diagnostics.OK, VisualOdometryStatus.LOST: diagnostics.ERROR}
+STATE_NAMES = {
+    VisualOdometryStatus.WAITING: "waiting",
+    VisualOdometryStatus.INITIALIZING: "initializing",
+    VisualOdometryStatus.TRACKING: "tracking",
+    VisualOdometryStatus.LOST: "lost",
+}
 
 AnyImage = Union[Image, CompressedImage]
 
@@ -44,6 +58,14 @@ class DsoServer:
         visual_odometry/path (nav_msgs/Path): the poses of the current segment.
         visual_odometry/keyframes (Keyframes): the window as refined, whenever it changed.
         visual_odometry/status (VisualOdometryStatus): one for every image that was not dropped.
+        visual_odometry/points (sensor_msgs/PointCloud2): the window's points, when it changed and somebody listens.
+        visual_odometry/debug_image (sensor_msgs/Image): the image with the points, when somebody listens.
+        /diagnostics
+
+    Services:
+        ~reset (std_srvs/Trigger): forget everything; the next image starts segment 0.
+        ~pause, ~resume (std_srvs/Trigger): images are left alone in between.
+        ~save_trajectory (SaveTrajectory): write camera.tum, camera_final.tum and keyframes.tum.
 
     Parameters (private, read at start; cfg/Dso.cfg has those that may change while running):
         image_transport: raw (default) or compressed.
@@ -52,39 +74,67 @@ class DsoServer:
         settings: yaml file with settings of the odometry; empty by default.
         frame_id: world of the visual odometry; vo by default.
         camera_frame_id: optical frame of the camera; that of the images by default.
+        silence: seconds without an image after which the diagnostics say so, 0.1 to 60; 0.5 by default.
+        keep_trajectory: remember what ~save_trajectory writes, 30 MB an hour at 30 images a second; true by default.
+        trajectory_dir: folder to which that is written when the node ends; empty by default, which is not at all.
     """
 
     def __init__(self) -> None:
-        """Read the parameters and connect.
+        """Read the parameters, load the compiled kernels and connect.
 
         Raises:
             InputError: a parameter, or a file that it names, is wrong.
         """
-        transport = rospy.get_param("~image_transport", "raw")
-        if transport not in ("raw", "compressed"):
-            raise InputError(f"{rospy.resolve_name('~image_transport')}: '{transport}' is not raw or compressed")
-        settings_file = rospy.get_param("~settings", "")
-        self._config = load_settings(Path(settings_file) if settings_file else None, [])
-        self._frame_id = rospy.get_param("~frame_id", "vo")
-        self._camera_frame_id = rospy.get_param("~camera_frame_id", "")
-        self._rectified = rospy.get_param("~rectified", False)
-        calibration_file = rospy.get_param("~calibration", "")
+        transport = parameters.choice("image_transport", "raw", ("raw", "compressed"))
+        self._config = parameters.settings(OdometryConfig)
+        self._frame_id = parameters.frame("frame_id", "vo")
+        self._camera_frame_id = parameters.frame("camera_frame_id", "")
+        self._rectified = parameters.flag("rectified", False)
+        self._keep = parameters.flag("keep_trajectory", True)
+        self._trajectory_dir = parameters.output_folder("trajectory_dir")
+        calibration_file = parameters.path("calibration")
 
+        self._lock = threading.Lock()  # of the odometry, between the worker and the services
         self._mailbox = Mailbox()
         self._exposures = ExposureLookup()
-        self._images = self._dropped = self._rejected = 0
-        self._state = VisualOdometryStatus.WAITING
+        self._images = diagnostics.Stream(parameters.number("silence", 0.5, 0.1, 60.0))
+        self._dropped, self._paused = 0, False
+        self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
         self._last_stamp: Optional[rospy.Time] = None
         self._camera_info: Tuple = ()  # as last received
+        self._camera_info_complaint = ""
         self._calibration: Optional[CameraCalibration] = None  # the newest, set by the thread of camera_info
         self._used_calibration: Optional[CameraCalibration] = None  # what the next two were made from
         self._preprocess: Optional[ImagePreprocessor] = None
         self._odometry: Optional[DirectOdometry] = None
-        self._publisher = OdometryPublisher()
+        self._recorder = TrajectoryRecorder()
 
-        if calibration_file:
+        if calibration_file is not None:
             self._calibration = read_camera_file(calibration_file)
-        else:
+        warm_up()
+        self._publisher, self._map = OdometryPublisher(), MapPublisher()
+        self._offer_services()
+        diagnostics.Diagnostics(self._report, "camera")
+        self._connect(transport, calibration_file is None)
+
+    def spin(self) -> None:
+        """Work until the node is shut down."""
+        while not rospy.is_shutdown():
+            message = self._mailbox.take(timeout_s=0.1)
+            if message is not None:
+                with self._lock:
+                    self._process(message)
+        if self._trajectory_dir is not None:
+            print(save(self._trajectory_dir, self._trajectories()))
+
+    def _offer_services(self) -> None:
+        offer_trigger("~reset", self._reset)
+        offer_trigger("~pause", lambda: self._pause(True))
+        offer_trigger("~resume", lambda: self._pause(False))
+        offer_save_trajectory(self._trajectories)
+
+    def _connect(self, transport: str, with_camera_info: bool) -> None:
+        if with_camera_info:
             rospy.Subscriber("camera_info", CameraInfo, self._on_camera_info, queue_size=1)
         self._exposure_subscriber = rospy.Subscriber("exposure", Exposure, self._on_exposure, queue_size=QUEUE_SIZE)
         # Resolved first: a remapped image takes its compressed topic along.
@@ -92,16 +142,12 @@ class DsoServer:
         image_type = Image if transport == "raw" else CompressedImage
         rospy.Subscriber(self._image_topic, image_type, self._on_image, queue_size=QUEUE_SIZE, buff_size=BUFFER_BYTES)
 
-    def spin(self) -> None:
-        """Work until the node is shut down."""
-        while not rospy.is_shutdown():
-            message = self._mailbox.take(timeout_s=0.1)
-            if message is not None:
-                self._process(message)
+    # Input
 
     def _on_image(self, message: AnyImage) -> None:
-        self._images += 1
-        self._dropped += self._mailbox.put(message)
+        self._images.heard()
+        if not self._paused:
+            self._dropped += self._mailbox.put(message)
 
     def _on_exposure(self, message: Exposure) -> None:
         if math.isfinite(message.exposure_ms):
@@ -115,8 +161,12 @@ class DsoServer:
         topic = rospy.resolve_name("camera_info")
         try:
             self._calibration = calibration_from_camera_info(*fields, self._rectified, source=topic)
+            self._camera_info_complaint = ""
         except InputError as error:
-            rospy.logwarn_throttle(WARNING_PERIOD_S, f"ignored: {error}")
+            self._camera_info_complaint = f"ignored: {error}"
+            rospy.logwarn_throttle(WARNING_PERIOD_S, self._camera_info_complaint)
+
+    # Work
 
     def _process(self, message: AnyImage) -> None:
         start_s = time.perf_counter()
@@ -124,12 +174,13 @@ class DsoServer:
         try:
             status = self._track(message, header)
         except FrameError as error:
-            self._rejected += 1
+            self._images.complain(str(error))
             rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
-            status = no_pose_message(header, self._state, str(error))
-        self._state = status.state
+            status = no_pose_message(header, self._status.state, str(error))
+        status.camera_frame_id = self._camera_frame(message)
         status.processing_ms = 1e3 * (time.perf_counter() - start_s)
-        status.images, status.dropped, status.rejected = self._images, self._dropped, self._rejected
+        status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
+        self._status = status
         self._publisher.publish_status(status)
 
     def _track(self, message: AnyImage, header: Header) -> VisualOdometryStatus:
@@ -149,8 +200,17 @@ class DsoServer:
         stamp_ns = message.header.stamp.to_nsec()
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
         status = self._odometry.track(image, seconds(stamp_ns), self._exposures.at(stamp_ns, timeout_s))
-        self._publisher.publish(header, self._camera_frame_id or message.header.frame_id, status)
+        if self._keep:
+            self._recorder.add(status)
+        camera_frame_id = self._camera_frame(message)
+        self._publisher.publish(header, camera_frame_id, status)
+        if self._map.wants(status):
+            camera, points = self._odometry.camera, map_points(self._odometry)
+            self._map.publish(header, camera_frame_id, image, camera, status, points)
         return status_message(header, status)
+
+    def _camera_frame(self, message: AnyImage) -> str:
+        return self._camera_frame_id or message.header.frame_id.lstrip("/")
 
     def _use(self, calibration: CameraCalibration) -> None:
         """Start anew with a calibration."""
@@ -159,7 +219,7 @@ class DsoServer:
         self._used_calibration = calibration
         self._preprocess = ImagePreprocessor(calibration)
         self._odometry = DirectOdometry(self._preprocess.camera, self._config)
-        self._publisher.reset()
+        self._start_anew()
         rospy.loginfo(f"tracking images of {calibration.lens} as {self._preprocess.camera}")
 
     def _check_order(self, stamp: rospy.Time) -> None:
@@ -174,5 +234,48 @@ class DsoServer:
         if stamp == last:
             raise FrameError(f"the stamp {seconds(stamp.to_nsec()):.9f} is that of the image before")
         rospy.logwarn(f"time went backwards by {(last - stamp).to_sec():.3f} s: starting anew")
+        self._start_anew()
+
+    def _start_anew(self) -> None:
         self._odometry.reset()
+        self._recorder = TrajectoryRecorder()
         self._publisher.reset()
+
+    # Services
+
+    def _reset(self) -> str:
+        with self._lock:
+            if self._odometry is not None:
+                self._start_anew()
+        return "the next image starts segment 0"
+
+    def _pause(self, paused: bool) -> str:
+        self._paused = paused
+        return "paused" if paused else "resumed"
+
+    def _trajectories(self) -> Dict[str, Trajectory]:
+        with self._lock:
+            recorder = self._recorder
+            return {
+                "camera": recorder.live(),
+                "camera_final": recorder.final(),
+                "keyframes": recorder.keyframes(),
+            }
+
+    # Diagnostics
+
+    def _report(self, report: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+        status: VisualOdometryStatus = self._status
+        text = f"{STATE_NAMES[status.state]}{': ' if status.message else ''}{status.message}"
+        report.summary(LEVELS.get(status.state, diagnostics.WARN), text)
+        if self._paused:
+            report.summary(diagnostics.WARN, "paused")
+        if self._camera_info_complaint:
+            report.mergeSummary(diagnostics.WARN, self._camera_info_complaint)
+        self._images.judge(report, self._image_topic)
+        report.add("dropped", str(self._dropped))
+        report.add("processing [ms]", f"{status.processing_ms:.1f}")
+        report.add("photometric error [grey levels]", f"{status.rmse:.2f}")
+        report.add("active points", str(status.active_points))
+        report.add("segment", str(status.segment))
+        return report

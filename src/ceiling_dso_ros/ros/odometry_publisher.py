@@ -1,13 +1,12 @@
-"""Publishes what the visual odometry says of each image."""
+"""What dso_node publishes about the camera's poses."""
 
-import time
-from typing import List, Optional
+from typing import Optional
 
 import numpy as np
 import rospy
 from dynamic_reconfigure.server import Server
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.cfg import DsoConfig
@@ -20,17 +19,18 @@ from ceiling_dso_ros.ros.conversions import (
     pose_from_matrix,
     unknown_covariance,
 )
+from ceiling_dso_ros.ros.paths import PathPublisher
 
 
 class OdometryPublisher:
-    """The topics `visual_odometry/*`, see `DsoServer`."""
+    """The topics `visual_odometry/*` but the map's, see `DsoServer`."""
 
     def __init__(self) -> None:
         self._odometry = rospy.Publisher("visual_odometry/odometry", Odometry, queue_size=10)
         self._pose = rospy.Publisher("visual_odometry/pose", PoseStamped, queue_size=10)
-        self._path = rospy.Publisher("visual_odometry/path", Path, queue_size=1)
-        self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=10)
-        self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=10)
+        self._path = PathPublisher("visual_odometry/path")
+        self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=50, tcp_nodelay=True)
+        self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=50, tcp_nodelay=True)
         self.reset()
         self._reconfigure_server = Server(DsoConfig, self._reconfigure)
 
@@ -38,8 +38,7 @@ class OdometryPublisher:
         """Forget the poses so far."""
         self._segment = 0
         self._last_pose: Optional[np.ndarray] = None
-        self._poses: List[PoseStamped] = []
-        self._path_time_s = -np.inf
+        self._path.clear()
 
     def publish(self, header: Header, camera_frame_id: str, status: OdometryStatus) -> None:
         """Publish keyframes and poses of an image.
@@ -67,14 +66,8 @@ class OdometryPublisher:
         self._pose.publish(pose)
         if segment != self._segment:
             self._segment = segment
-            self._poses.clear()
-        self._poses.append(pose)
-        del self._poses[: -self._settings.path_length]
-        now_s = time.monotonic()
-        # The whole path is sent each time: only for those who listen, and not with every image.
-        if self._path.get_num_connections() > 0 and now_s >= self._path_time_s + self._settings.path_period:
-            self._path.publish(Path(pose.header, self._poses))
-            self._path_time_s = now_s
+            self._path.clear()
+        self._path.add(pose)
 
     def _covariance(self, status: OdometryStatus) -> np.ndarray:
         if status.covariance is None:  # the pose that a segment begins with: initialisation gives none
@@ -83,4 +76,5 @@ class OdometryPublisher:
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
         self._settings = settings
+        self._path.length, self._path.period_s = settings.path_length, settings.path_period
         return settings

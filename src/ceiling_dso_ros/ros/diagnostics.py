@@ -1,0 +1,94 @@
+"""/diagnostics, published by wall time also while the clock of a simulation or of a bag stands still."""
+
+import math
+import threading
+from collections import deque
+from typing import Deque, Optional
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper, Updater
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+PERIOD_S = 0.4
+SHOWN_S = 2.0  # a message that could not be used stays in the diagnostics for so long
+
+
+class Stream:
+    """What has arrived of a kind of messages, and what was wrong with the last bad one. Seconds are those of ROS."""
+
+    def __init__(self, silence_s: float) -> None:
+        self.received = self.rejected = 0
+        self._silence_s = silence_s
+        self._arrivals: Deque[float] = deque(maxlen=100)
+        self._complaint, self._complaint_s = "", -math.inf
+
+    def heard(self) -> None:
+        """Count a message."""
+        self.received += 1
+        now_s = rospy.get_time()
+        if self._arrivals and now_s < self._arrivals[-1]:
+            self.forget_times()
+        self._arrivals.append(now_s)
+
+    def complain(self, complaint: str) -> None:
+        """Count a message that could not be used."""
+        self.rejected += 1
+        self._complaint, self._complaint_s = complaint, rospy.get_time()
+
+    def forget_times(self) -> None:
+        """Time has been set back."""
+        self._arrivals.clear()
+        self._complaint_s = -math.inf
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the last message, inf without one."""
+        return max(0.0, rospy.get_time() - self._arrivals[-1]) if self._arrivals else math.inf
+
+    @property
+    def silent(self) -> bool:
+        """Nothing has come for too long."""
+        return self.age_s > self._silence_s
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages a second lately, 0 when silent."""
+        arrivals = list(self._arrivals)
+        if self.silent or len(arrivals) < 2 or arrivals[-1] <= arrivals[0]:
+            return 0.0
+        return (len(arrivals) - 1) / (arrivals[-1] - arrivals[0])
+
+    @property
+    def complaint(self) -> str:
+        """What was wrong with a message just now, empty when nothing was."""
+        return self._complaint if 0.0 <= rospy.get_time() - self._complaint_s < SHOWN_S else ""
+
+    def judge(self, status: DiagnosticStatusWrapper, name: str, silence_level: int = ERROR) -> None:
+        """Merge what there is to say into a status; not having begun and bad messages are warnings."""
+        if not self.received:
+            status.mergeSummary(WARN, f"waiting for {name}")
+        elif self.silent:
+            status.mergeSummary(silence_level, f"{name} silent for {self.age_s:.1f} s")
+        if self.complaint:
+            status.mergeSummary(WARN, f"{name}: {self.complaint}")
+        status.add(f"{name}: rate [Hz]", f"{self.rate_hz:.1f}")
+        status.add(f"{name}: received", str(self.received))
+        status.add(f"{name}: rejected", str(self.rejected))
+
+
+class Diagnostics:
+    """Calls a node's `report(status)` a few times a second, in a thread of its own."""
+
+    def __init__(self, report: object, hardware_id: str) -> None:
+        self._updater = Updater()
+        self._updater.setHardwareID(hardware_id)
+        self._updater.add("state", report)
+        self._end = threading.Event()
+        self._thread: Optional[threading.Thread] = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+        rospy.on_shutdown(self._end.set)
+
+    def _work(self) -> None:
+        while not self._end.wait(PERIOD_S):
+            self._updater.force_update()

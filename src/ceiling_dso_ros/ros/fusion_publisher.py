@@ -1,0 +1,79 @@
+"""What fusion_node publishes."""
+
+from typing import Optional
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Header
+
+from ceiling_dso_ros.fusion.prediction import CameraMotion
+from ceiling_dso_ros.fusion.state import FusedState, FusionState, ScaleState
+from ceiling_dso_ros.msg import FusionScale, FusionStatus, MotionPrediction
+from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
+from ceiling_dso_ros.ros.paths import PathPublisher
+from ceiling_dso_ros.ros.planar_messages import planar_odometry
+
+STATES = {
+    FusionState.NOT_SCALED: FusionStatus.NOT_SCALED,
+    FusionState.CONVERGED: FusionStatus.CONVERGED,
+    FusionState.DEGRADED: FusionStatus.DEGRADED,
+}
+
+
+class FusionPublisher:
+    """The topics of `FusionServer` but tf.
+
+    Attributes:
+        visual_frame: the world of the visual odometry, as its messages name it.
+    """
+
+    def __init__(self, odom_frame: str, base_frame: str) -> None:
+        self.visual_frame = ""
+        self._odom_frame, self._base_frame = odom_frame, base_frame
+        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=50, tcp_nodelay=True)
+        self._scale = rospy.Publisher("fusion/scale", FusionScale, queue_size=50)
+        self._status = rospy.Publisher("fusion/status", FusionStatus, queue_size=50)
+        self._path = PathPublisher("fusion/path", length=20000)
+        self._prediction = rospy.Publisher(
+            "fusion/motion_prediction", MotionPrediction, queue_size=10, tcp_nodelay=True
+        )
+
+    def reset(self) -> None:
+        """Forget the poses so far."""
+        self._path.clear()
+
+    @property
+    def prediction_wanted(self) -> bool:
+        """Whether somebody listens to the motion prediction."""
+        return self._prediction.get_num_connections() > 0
+
+    def publish(self, state: FusedState, status: FusionStatus) -> None:
+        """Publish an output; status is complete but for header, state and reasons."""
+        header = Header(stamp=ros_time(state.stamp_s), frame_id=self._odom_frame)
+        odometry = planar_odometry(
+            header, self._base_frame, state.pose, state.covariance, state.twist, state.twist_covariance
+        )
+        self._odometry.publish(odometry)
+        self._scale.publish(scale_message(Header(stamp=header.stamp, frame_id=self.visual_frame), state.scale))
+        status.header, status.state, status.reasons = header, STATES[state.state], list(state.reasons)
+        self._status.publish(status)
+        self._path.add(PoseStamped(header, odometry.pose.pose))
+
+    def publish_prediction(self, motion: Optional[CameraMotion], start_s: float, end_s: float, segment: int) -> None:
+        """Publish how the camera has moved between two stamps of its clock; nothing when that is not known."""
+        if motion is None:
+            return
+        message = MotionPrediction(
+            header=Header(stamp=ros_time(end_s), frame_id=self.visual_frame),
+            start=ros_time(start_s),
+            motion=pose_from_matrix(motion.T_start_end),
+            covariance=motion.covariance.ravel().tolist(),
+            segment=segment,
+        )
+        self._prediction.publish(message)
+
+
+def scale_message(header: Header, scale: ScaleState) -> FusionScale:
+    """FusionScale of the scale's estimate."""
+    return FusionScale(header, scale.value, scale.sigma, scale.converged, scale.segment)

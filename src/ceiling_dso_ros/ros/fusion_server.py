@@ -1,0 +1,261 @@
+"""The server behind fusion_node: wheel odometry and visual odometry in, the robot's metric pose out."""
+
+import threading
+import time
+from typing import Optional
+
+import numpy as np
+import rospy
+from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
+
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.config import ConfigError
+from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.estimator import FusionEstimator
+from ceiling_dso_ros.fusion.state import FusedState, FusionState
+from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
+from ceiling_dso_ros.ros import diagnostics, parameters
+from ceiling_dso_ros.ros.base_transform import BaseTransform
+from ceiling_dso_ros.ros.camera_mount import CameraMount
+from ceiling_dso_ros.ros.conversions import ros_time
+from ceiling_dso_ros.ros.fused_record import FusedRecord
+from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
+from ceiling_dso_ros.ros.planar_messages import planar_pose
+from ceiling_dso_ros.ros.robot_parameter import read_robot, with_camera
+from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
+from ceiling_dso_ros.ros.visual_input import VisualInput
+from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
+
+QUEUE_SIZE = 200  # every wheel sample and every image counts
+BACKWARDS_S = 0.5  # time that goes back further is another run; less are samples out of order
+CAMERA_AHEAD_S = 1.0  # right after a start anew, images so far ahead of the wheels are of the run before
+
+
+class FusionServer:
+    """Fuses wheel odometry and visual odometry.
+
+    Subscribes:
+        wheel/odometry (nav_msgs/Odometry): of wheel_odometry_node or of any other driver.
+        visual_odometry/status, visual_odometry/keyframes: of dso_node.
+        /tf_static, /tf: where the camera is, unless robot.yaml says so; who else publishes the base's transform.
+
+    Publishes:
+        odometry/filtered (nav_msgs/Odometry): base_link in odom, metric, continuous, for every wheel sample; while the
+            wheels are silent for every image.
+        fusion/scale (FusionScale), fusion/status (FusionStatus): with each pose.
+        fusion/path (nav_msgs/Path): the poses so far, every half second, when somebody listens.
+        fusion/motion_prediction (MotionPrediction): with each pose, when somebody listens.
+        /tf: odom -> base_link, see ~publish_tf and ~tf_mode.
+        /diagnostics
+
+    Services:
+        ~reset (std_srvs/Trigger): forget everything; the next wheel sample is the origin.
+        ~set_pose (SetPose): let the published pose be another one from now on.
+        ~save_trajectory (SaveTrajectory): write wheel.tum, fused.tum and fused_smoothed.tum.
+
+    Parameters (private, read at start):
+        robot: yaml file with ticks_per_turn, wheel_radius [left, right] in m, wheel_base in m, optionally T_base_camera
+            {xyz, quat_xyzw} and camera_time_offset in s; must be given.
+        settings: yaml file with settings of the fusion; empty by default.
+        odom_frame, base_frame: odom and base_link by default.
+        camera_frame: where robot.yaml has no T_base_camera, the frame to look up in tf; by default the one that the
+            visual odometry names.
+        publish_tf: true by default.
+        tf_mode: odom (default) publishes odom_frame -> base_frame; correction publishes odom_frame -> the frame of
+            wheel/odometry, for a wheel driver that publishes the transform of base_link itself.
+        silence: seconds without wheel odometry or images after which the diagnostics say so, 0.1 to 60; 0.5 by default.
+        keep_trajectory: remember what ~save_trajectory writes, about 10 MB an hour; true by default.
+        trajectory_dir: folder to which that is written when the node ends; empty by default, which is not at all.
+    """
+
+    def __init__(self) -> None:
+        """Read the parameters and connect.
+
+        Raises:
+            InputError: a parameter, or a file that it names, is wrong.
+        """
+        self._config = parameters.settings(FusionConfig)
+        self._robot, has_camera = read_robot()
+        self._odom_frame = parameters.frame("odom_frame", "odom")
+        base_frame = parameters.frame("base_frame", "base_link")
+        tf_mode = parameters.choice("tf_mode", "odom", ("odom", "correction"))
+        tf_mode = tf_mode if parameters.flag("publish_tf", True) else "none"
+        silence_s = parameters.number("silence", 0.5, 0.1, 60.0)
+        self._keep = parameters.flag("keep_trajectory", True)
+        self._trajectory_dir = parameters.output_folder("trajectory_dir")
+
+        self._lock = threading.Lock()
+        self._wheels, self._images = diagnostics.Stream(silence_s), diagnostics.Stream(silence_s)
+        self._visual = VisualInput()
+        self._counts = FusionStatus()
+        camera_frame = parameters.frame("camera_frame", "")
+        self._mount = CameraMount(base_frame, camera_frame, self._robot.T_base_camera if has_camera else None)
+        self._camera_known = has_camera
+        self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
+        self._publisher = FusionPublisher(self._odom_frame, base_frame)
+        self._transform = BaseTransform(tf_mode, self._odom_frame, base_frame)
+        self._forget()
+
+        offer_trigger("~reset", self._reset)
+        rospy.Service("~set_pose", SetPose, self._set_pose)
+        offer_save_trajectory(self._trajectories)
+        diagnostics.Diagnostics(self._report, "fusion")
+        for topic, kind, callback in (
+            ("wheel/odometry", Odometry, self._on_wheels),
+            ("visual_odometry/status", VisualOdometryStatus, self._on_status),
+            ("visual_odometry/keyframes", Keyframes, self._on_keyframes),
+        ):
+            rospy.Subscriber(topic, kind, callback, queue_size=QUEUE_SIZE, tcp_nodelay=True)
+
+    def spin(self) -> None:
+        """Work until the node is shut down."""
+        rospy.spin()
+        if self._trajectory_dir is not None:
+            print(save(self._trajectory_dir, self._trajectories()))
+
+    def _forget(self) -> None:
+        """Begin a run."""
+        self._state: Optional[FusedState] = None
+        self._record = FusedRecord()
+        self._last_wheel_s = -np.inf
+        self._wheel_frame, self._wheel_pose = "", np.zeros(3)
+        self._newest_image: Optional[OdometryStatus] = None
+        self._camera_may_be_old = True
+        self._visual.clear()
+        self._publisher.reset()
+
+    # Input
+
+    def _on_wheels(self, message: Odometry) -> None:
+        start_s = time.perf_counter()
+        with self._lock:
+            self._wheels.heard()
+            stamp_s = seconds(message.header.stamp.to_nsec())
+            try:
+                self._wheel_pose = planar_pose(message.pose.pose)
+            except ValueError as error:
+                self._wheels.complain(str(error))
+                return
+            if stamp_s < self._last_wheel_s - BACKWARDS_S:
+                self._start_anew(f"time went backwards by {self._last_wheel_s - stamp_s:.3f} s")
+            self._use_mount()
+            self._last_wheel_s = max(self._last_wheel_s, stamp_s)
+            self._wheel_frame = message.header.frame_id.lstrip("/")
+            state = self._estimator.add_wheel_odometry(stamp_s, self._wheel_pose)
+            if self._estimator.wheels.message:
+                self._wheels.complain(self._estimator.wheels.message)
+            self._publish(state, start_s)
+            self._predict()
+
+    def _on_status(self, message: VisualOdometryStatus) -> None:
+        start_s = time.perf_counter()
+        with self._lock:
+            self._images.heard()
+            self._mount.name_frame(message.camera_frame_id)
+            self._publisher.visual_frame = message.header.frame_id
+            self._take_in(self._visual.add_status(message), start_s)
+
+    def _on_keyframes(self, message: Keyframes) -> None:
+        start_s = time.perf_counter()
+        with self._lock:
+            self._take_in(self._visual.add_keyframes(message), start_s)
+
+    def _take_in(self, statuses: list, start_s: float) -> None:
+        for status in statuses:
+            if self._camera_may_be_old and status.stamp_s > self._last_wheel_s + CAMERA_AHEAD_S:
+                continue
+            self._camera_may_be_old = False
+            if not self._camera_known:  # without its mount its motion means nothing
+                continue
+            self._newest_image = status
+            for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
+                self._publish(state, start_s)
+
+    def _use_mount(self) -> None:
+        """Take the camera in as soon as it is known where it sits."""
+        T_base_camera = None if self._camera_known else self._mount.find()
+        if T_base_camera is None:
+            return
+        try:
+            self._robot = with_camera(self._robot, T_base_camera)
+        except ConfigError as error:
+            self._mount.complaint = f"by tf, {error}"
+            return
+        self._camera_known = True
+        self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
+        if self._state is not None:
+            self._estimator.set_pose(self._state.pose)
+
+    # Output
+
+    def _publish(self, state: Optional[FusedState], start_s: float) -> None:
+        if state is None:
+            return
+        self._state = state
+        if self._keep:
+            self._record.add(state, self._estimator.wheels.total.pose)
+        self._counts.wheel_samples, self._counts.wheel_rejected = self._wheels.received, self._wheels.rejected
+        self._counts.images = self._images.received
+        self._counts.processing_ms = 1e3 * (time.perf_counter() - start_s)
+        self._publisher.publish(state, self._counts)
+        self._transform.send(ros_time(state.stamp_s), state.pose, self._wheel_frame, self._wheel_pose)
+
+    def _predict(self) -> None:
+        newest = self._newest_image
+        if newest is None or newest.state is not TrackingState.TRACKING or not self._publisher.prediction_wanted:
+            return
+        end_s = self._last_wheel_s - self._robot.camera_time_offset_s
+        if end_s > newest.stamp_s:
+            motion = self._estimator.predict_camera_motion(newest.stamp_s, end_s)
+            self._publisher.publish_prediction(motion, newest.stamp_s, end_s, newest.segment)
+
+    # Services
+
+    def _start_anew(self, reason: str) -> None:
+        rospy.logwarn(f"{reason}: starting anew")
+        self._counts.resets += 1
+        self._estimator.reset()
+        self._forget()
+
+    def _reset(self) -> str:
+        with self._lock:
+            self._start_anew("asked to reset")
+        return "the next wheel sample is the origin"
+
+    def _set_pose(self, request: SetPoseRequest) -> SetPoseResponse:
+        frame_id = request.pose.header.frame_id.lstrip("/")
+        if frame_id and frame_id != self._odom_frame:
+            return SetPoseResponse(False, f"the pose is in {frame_id}, not in {self._odom_frame}")
+        try:
+            pose = planar_pose(request.pose.pose)
+        except ValueError as error:
+            return SetPoseResponse(False, str(error))
+        with self._lock:
+            self._estimator.set_pose(pose)
+        return SetPoseResponse(True, "")
+
+    def _trajectories(self) -> dict:
+        with self._lock:
+            return self._record.trajectories(self._estimator.smoothed() if self._keep else [])
+
+    # Diagnostics
+
+    def _report(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+        state = self._state
+        status.summary(diagnostics.OK, "no pose yet" if state is None else state.state.value)
+        if state is not None and state.state is not FusionState.CONVERGED:
+            status.mergeSummary(diagnostics.WARN, ", ".join(state.reasons))
+        if not self._camera_known:
+            status.mergeSummary(diagnostics.WARN, f"the camera is not used: {self._mount.complaint}")
+        if self._transform.complaint:
+            status.mergeSummary(diagnostics.ERROR, self._transform.complaint)
+        self._wheels.judge(status, rospy.resolve_name("wheel/odometry"))
+        self._images.judge(status, rospy.resolve_name("visual_odometry/status"), diagnostics.WARN)
+        if state is not None:
+            status.add("scale [m / VO unit]", f"{state.scale.value:.6g}")
+            status.add("scale: relative sigma", f"{state.scale.sigma:.3g}")
+            status.add("slips", str(len(self._estimator.slips)))
+            status.add("processing [ms]", f"{self._counts.processing_ms:.1f}")
+        return status

@@ -1,0 +1,27 @@
+"""The life of a node: what all executables do."""
+
+import sys
+from typing import Callable
+
+import rospy
+
+from ceiling_dso_ros.io.errors import InputError, OutputError
+
+
+def run_node(name: str, make_server: Callable) -> int:
+    """Run a server until the node is shut down; returns the exit code.
+
+    Args:
+        name: of the node, unless it is remapped.
+        make_server: gives an object with `spin()`, or raises InputError where a parameter is wrong.
+    """
+    rospy.init_node(name)
+    try:
+        make_server().spin()
+    except (InputError, OutputError) as error:
+        if rospy.is_shutdown():  # logging has ended
+            print(error, file=sys.stderr)
+        else:
+            rospy.logfatal("%s", error)
+        return 2
+    return 0

@@ -1,0 +1,155 @@
+"""The server behind wheel_odometry_node: encoders in, dead reckoning out."""
+
+import threading
+from typing import List, Optional
+
+import numpy as np
+import rospy
+import tf2_ros
+from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, Int32
+
+from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
+from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.ros import diagnostics, parameters
+from ceiling_dso_ros.ros.conversions import ros_time
+from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
+from ceiling_dso_ros.ros.robot_parameter import read_robot
+from ceiling_dso_ros.ros.services import offer_trigger
+from ceiling_dso_ros.ros.tick_pairs import TickPairs
+
+QUEUE_SIZE = 200  # samples; every one counts
+BACKWARDS_S = 0.5  # time that goes back further is another run; less are samples out of order
+
+
+class WheelServer:
+    """Integrates the wheels of a differential drive.
+
+    Subscribes:
+        joint_states (sensor_msgs/JointState): wheel angles, rad; with ~input joint_states.
+        left/ticks, right/ticks (std_msgs/Int32): counters, which may wrap around; with ~input ticks. They carry no
+            stamps, so that of their arrival is taken: prefer joint_states.
+
+    Publishes:
+        wheel/odometry (nav_msgs/Odometry): with covariances, for every sample but the first.
+        /tf: odom -> base_link, only with ~publish_tf.
+        /diagnostics
+
+    Services:
+        ~reset (std_srvs/Trigger): the next sample is the origin.
+
+    Parameters (private, read at start):
+        robot: yaml file with ticks_per_turn, wheel_radius [left, right] in m and wheel_base in m; must be given.
+        settings: yaml file with settings of the fusion, of which `wheels` are used; empty by default.
+        input: joint_states (default) or ticks.
+        left_joint, right_joint: names in joint_states; those that contain left and right by default.
+        odom_frame, base_frame: odom and base_link by default.
+        publish_tf: false by default, as the fusion publishes a better one.
+        silence: seconds without a sample after which the diagnostics say so, 0.1 to 60; 0.5 by default.
+    """
+
+    def __init__(self) -> None:
+        """Read the parameters and connect.
+
+        Raises:
+            InputError: a parameter, or a file that it names, is wrong.
+        """
+        self._odometry = WheelOdometry(read_robot().model, parameters.settings(FusionConfig).wheels)
+        self._odom_frame = parameters.frame("odom_frame", "odom")
+        self._base_frame = parameters.frame("base_frame", "base_link")
+        self._left_joint, self._right_joint = parameters.joint_names()
+        source = parameters.choice("input", "joint_states", ("joint_states", "ticks"))
+        broadcast = parameters.flag("publish_tf", False)
+        self._samples = diagnostics.Stream(parameters.number("silence", 0.5, 0.1, 60.0))
+
+        self._lock = threading.Lock()
+        self._last_s = -np.inf
+        self._broadcaster = tf2_ros.TransformBroadcaster() if broadcast else None
+        self._publisher = rospy.Publisher("wheel/odometry", Odometry, queue_size=QUEUE_SIZE, tcp_nodelay=True)
+        offer_trigger("~reset", self._reset)
+        diagnostics.Diagnostics(self._report, "wheels")
+        if source == "joint_states":
+            self._name = rospy.resolve_name("joint_states")
+            self._subscribe("joint_states", JointState, self._on_joint_states)
+        else:
+            self._name = f"{rospy.resolve_name('left/ticks')} and {rospy.resolve_name('right/ticks')}"
+            self._pairs = TickPairs()
+            for side in ("left", "right"):
+                self._subscribe(f"{side}/ticks", Int32, lambda message, side=side: self._on_ticks(side, message))
+
+    def spin(self) -> None:
+        """Work until the node is shut down."""
+        rospy.spin()
+
+    @staticmethod
+    def _subscribe(topic: str, kind: type, callback: object) -> None:
+        rospy.Subscriber(topic, kind, callback, queue_size=QUEUE_SIZE, tcp_nodelay=True)
+
+    def _on_joint_states(self, message: JointState) -> None:
+        angles = [
+            [
+                angle
+                for name, angle in zip(message.name, message.position)
+                if name == joint or (not joint and side in name)
+            ]
+            for side, joint in (("left", self._left_joint), ("right", self._right_joint))
+        ]
+        with self._lock:
+            if len(angles[0]) == len(angles[1]) == 1:
+                stamp_s = seconds(message.header.stamp.to_nsec())
+                self._begin_sample(stamp_s)
+                self._take_in(self._odometry.add_angles(stamp_s, angles[0][0], angles[1][0]))
+            elif not self._samples.received or self._samples.silent:  # other joints may well share the topic
+                self._samples.complain("no left and right wheel in it; set ~left_joint and ~right_joint")
+
+    def _on_ticks(self, side: str, message: Int32) -> None:
+        with self._lock:
+            counters = self._pairs.add(side, rospy.get_time(), message.data)
+            if counters is not None:
+                self._begin_sample(counters.stamp_s)
+                self._take_in(self._odometry.add_ticks(*counters))
+
+    def _begin_sample(self, stamp_s: float) -> None:
+        """Count a sample, and start anew when time goes backwards, as it does when a bag is played again."""
+        self._samples.heard()
+        if stamp_s < self._last_s - BACKWARDS_S:
+            rospy.logwarn(f"time went backwards by {self._last_s - stamp_s:.3f} s: starting anew")
+            self._odometry.reset()
+            self._last_s = -np.inf
+        self._last_s = max(self._last_s, stamp_s)
+
+    def _take_in(self, step: Optional[WheelStep]) -> None:
+        if self._odometry.message:
+            self._samples.complain(self._odometry.message)
+            rospy.logwarn_throttle(5.0, self._odometry.message)
+        if step is None:
+            return
+        header = Header(stamp=ros_time(step.end_s), frame_id=self._odom_frame)
+        pose, noise = self._odometry.total.pose, self._odometry.noise
+        along = np.ix_((0, 2), (0, 2))
+        twist_covariance = (noise.white(step) + noise.resolution)[along] / (step.end_s - step.start_s) ** 2
+        covariance = self._odometry.covariance_odom
+        self._publisher.publish(
+            planar_odometry(header, self._base_frame, pose, covariance, step.rate[::2], twist_covariance)
+        )
+        if self._broadcaster is not None:
+            self._broadcaster.sendTransform(planar_transform(header, self._base_frame, pose))
+
+    def _reset(self) -> str:
+        with self._lock:
+            self._odometry.reset()
+        return "the next wheel sample is the origin"
+
+    def _report(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+        status.summary(diagnostics.OK, "integrating")
+        self._samples.judge(status, self._name)
+        return status
+
+
+def _angles(message: JointState, side: str, joint: str) -> List[float]:
+    """Angles of the joints of that name, or when there is no name of those that contain the side."""
+    named = zip(message.name, message.position)
+    return [angle for name, angle in named if (name == joint if joint else side in name)]
