@@ -1,4 +1,4 @@
-"""nav_msgs/Path of the last poses: it is the whole path each time, so sent now and then and only to those who listen."""
+"""nav_msgs/Path of the last poses: the whole path each time, so only now and then and to those who listen."""
 
 import time
 from typing import List

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
-from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import OutputError
+from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.recording import RobotDescription
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.io.trajectory import write_tum
@@ -52,7 +52,7 @@ def write_files_beside(bag: Path, recording: SimulatedRecording) -> None:
     _write_yaml(files["robot"], _robot_file(recording.robot))
 
 
-def write_measurements(bag: BagWriter, recording: SimulatedRecording, measurements: Iterable[Any]) -> None:
+def write_measurements(bag: MessageWriter, recording: SimulatedRecording, measurements: Iterable[Any]) -> None:
     """Write the static transforms and then all measurements, one by one.
 
     Raises:
@@ -73,7 +73,7 @@ def write_measurements(bag: BagWriter, recording: SimulatedRecording, measuremen
 class _Messages:
     """Writes each kind of measurement to its topics."""
 
-    def __init__(self, bag: BagWriter, recording: SimulatedRecording) -> None:
+    def __init__(self, bag: MessageWriter, recording: SimulatedRecording) -> None:
         nominal = recording.robot
         model = RobotModel(nominal.T_base_camera, nominal.wheel_base_m, nominal.wheel_radius_m, nominal.ticks_per_turn)
         self._bag = bag
