@@ -48,11 +48,20 @@ def pose_from_matrix(T_parent_child: np.ndarray) -> Pose:
 
 
 def matrix_from_pose(pose: Pose) -> np.ndarray:
-    """(4, 4) transform of a geometry_msgs/Pose, the inverse of `pose_from_matrix`."""
+    """(4, 4) transform of a geometry_msgs/Pose, the inverse of `pose_from_matrix`.
+
+    Raises:
+        ValueError: a number is not finite, or the quaternion is zero.
+    """
     position, orientation = pose.position, pose.orientation
+    quaternion = [orientation.x, orientation.y, orientation.z, orientation.w]
     T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat([orientation.x, orientation.y, orientation.z, orientation.w]).as_matrix()
     T[:3, 3] = position.x, position.y, position.z
+    if not np.isfinite([*quaternion, *T[:3, 3]]).all():
+        raise ValueError("the pose has a number that is not finite")
+    if np.linalg.norm(quaternion) < 1e-6:
+        raise ValueError("the pose's quaternion is zero")
+    T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     return T
 
 

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Optional
+from typing import Callable, Optional, Union
 
 import numpy as np
 import rospy
@@ -155,14 +155,19 @@ class FusionServer:
             self._images.heard()
             self._mount.name_frame(message.camera_frame_id)
             self._publisher.visual_frame = message.header.frame_id
-            self._take_in(self._visual.add_status(message), start_s)
+            self._take_in(self._visual.add_status, message, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
         start_s = time.perf_counter()
         with self._lock:
-            self._take_in(self._visual.add_keyframes(message), start_s)
+            self._take_in(self._visual.add_keyframes, message, start_s)
 
-    def _take_in(self, statuses: list, start_s: float) -> None:
+    def _take_in(self, add: Callable, message: Union[VisualOdometryStatus, Keyframes], start_s: float) -> None:
+        try:
+            statuses = add(message)
+        except ValueError as error:
+            self._images.complain(str(error))
+            return
         for status in statuses:
             if self._camera_may_be_old and status.stamp_s > self._last_wheel_s + CAMERA_AHEAD_S:
                 continue

@@ -3,11 +3,10 @@
 import numpy as np
 from geometry_msgs.msg import Pose, TransformStamped
 from nav_msgs.msg import Odometry
-from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.ros.conversions import pose_from_matrix
+from ceiling_dso_ros.ros.conversions import matrix_from_pose, pose_from_matrix
 
 FLOOR_VARIANCE = 1e-6  # of z, roll and pitch, which the floor fixes: small but not zero, as consumers invert it
 IN_PLANE = (0, 1, 5)  # x, y, yaw
@@ -20,15 +19,8 @@ def planar_pose(pose: Pose) -> np.ndarray:
     Raises:
         ValueError: a number is not finite, or the quaternion is zero.
     """
-    orientation = pose.orientation
-    quaternion = [orientation.x, orientation.y, orientation.z, orientation.w]
-    numbers = [pose.position.x, pose.position.y, *quaternion]
-    if not np.isfinite(numbers).all():
-        raise ValueError("the pose has a number that is not finite")
-    if np.linalg.norm(quaternion) < 1e-6:
-        raise ValueError("the pose's quaternion is zero")
-    R = Rotation.from_quat(quaternion).as_matrix()
-    return np.array([pose.position.x, pose.position.y, np.arctan2(R[1, 0], R[0, 0])])
+    T = matrix_from_pose(pose)
+    return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
 
 
 def spatial_covariance(covariance: np.ndarray, axes: tuple) -> np.ndarray:

@@ -1,7 +1,8 @@
 """The visual odometry's messages as the values that they were made from."""
 
 from collections import deque
-from typing import Deque, List, Optional
+from dataclasses import replace
+from typing import Deque, List, NamedTuple, Optional, Tuple
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.stamps import seconds
@@ -9,7 +10,13 @@ from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose
 
 STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
+Window = Tuple[KeyframeEstimate, ...]
 LONGEST_WAIT = 10  # statuses, for keyframes that were sent before this node listened
+
+
+class _Waiting(NamedTuple):
+    status: OdometryStatus
+    window_changed: bool  # its keyframes come by the other connection
 
 
 class VisualInput:
@@ -20,37 +27,46 @@ class VisualInput:
 
     def clear(self) -> None:
         """Forget what is waiting."""
-        self._statuses: Deque[VisualOdometryStatus] = deque()
-        self._keyframes: Deque[Keyframes] = deque(maxlen=2 * LONGEST_WAIT)
+        self._statuses: Deque[_Waiting] = deque()
+        self._windows: Deque[Tuple[float, Window]] = deque(maxlen=2 * LONGEST_WAIT)
 
     def add_status(self, message: VisualOdometryStatus) -> List[OdometryStatus]:
-        """Take in a status; returns what is complete now."""
-        self._statuses.append(message)
+        """Take in a status; returns what is complete now.
+
+        Raises:
+            ValueError: its pose is none.
+        """
+        self._statuses.append(_Waiting(_status(message), message.window_changed))
         return self._complete()
 
     def add_keyframes(self, message: Keyframes) -> List[OdometryStatus]:
-        """Take in keyframes; returns what is complete now."""
-        self._keyframes.append(message)
+        """Take in keyframes; returns what is complete now.
+
+        Raises:
+            ValueError: one of the poses is none.
+        """
+        window = tuple(_keyframe(keyframe) for keyframe in message.keyframes)
+        self._windows.append((seconds(message.header.stamp.to_nsec()), window))
         return self._complete()
 
     def _complete(self) -> List[OdometryStatus]:
         complete = []
         while self._statuses:
-            keyframes = self._keyframes_of(self._statuses[0])
-            if keyframes is None and len(self._statuses) <= LONGEST_WAIT:
+            window = self._window_of(self._statuses[0])
+            if window is None and len(self._statuses) <= LONGEST_WAIT:
                 break
-            complete.append(_status(self._statuses.popleft(), keyframes or []))
+            complete.append(replace(self._statuses.popleft().status, keyframes=window or ()))
         return complete
 
-    def _keyframes_of(self, status: VisualOdometryStatus) -> Optional[List[Keyframe]]:
-        """None when they are still to come."""
-        if not status.window_changed:
-            return []
-        return next((m.keyframes for m in self._keyframes if m.header.stamp == status.header.stamp), None)
+    def _window_of(self, waiting: _Waiting) -> Optional[Window]:
+        """None when it is still to come."""
+        if not waiting.window_changed:
+            return ()
+        return next((window for stamp_s, window in self._windows if stamp_s == waiting.status.stamp_s), None)
 
 
-def _status(message: VisualOdometryStatus, keyframes: List[Keyframe]) -> OdometryStatus:
-    """What the fusion needs of an image."""
+def _status(message: VisualOdometryStatus) -> OdometryStatus:
+    """What the fusion needs of an image but the keyframes."""
     state = STATE_OF_NUMBER.get(message.state, TrackingState.INITIALIZING)
     tracked = state is TrackingState.TRACKING
     return OdometryStatus(
@@ -60,7 +76,6 @@ def _status(message: VisualOdometryStatus, keyframes: List[Keyframe]) -> Odometr
         is_keyframe=message.is_keyframe,
         keyframe_id=message.keyframe_id,
         T_keyframe_camera=matrix_from_pose(message.pose_in_keyframe) if tracked else None,
-        keyframes=tuple(_keyframe(keyframe) for keyframe in keyframes),
         rmse=message.rmse,
         message=message.message,
     )

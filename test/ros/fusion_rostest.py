@@ -1,0 +1,277 @@
+#!/usr/bin/env python3
+"""wheel_odometry_node and fusion_node on a robot that drives: what a navigation stack takes from them."""
+
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+import numpy as np
+import rospy
+import rostest
+import tf2_ros
+from diagnostic_msgs.msg import DiagnosticStatus
+from fake_robot import (
+    LASER_XYZ,
+    SCALE_M,
+    SPEED_M_S,
+    TURN_RAD_S,
+    FakeRobot,
+    Listener,
+    any_pose,
+    end_node,
+    parents,
+    wait_until,
+    xy_yaw,
+)
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.msg import FusionStatus, VisualOdometryStatus
+from ceiling_dso_ros.ros.conversions import matrix_from_transform
+from ceiling_dso_ros.srv import SaveTrajectory, SetPose
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+def service(name, kind):
+    rospy.wait_for_service(name, 30.0)
+    return rospy.ServiceProxy(name, kind)
+
+
+class Fusion(unittest.TestCase):
+    """The tests share the nodes; the robot drives on through all of them."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.listener = Listener()
+        cls.robot = FakeRobot().__enter__()
+        cls.listener.wait_for_poses(1)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.robot.__exit__()
+
+    def setUp(self):
+        self.listener.wait_for_level("wheel_odometry_node", OK)
+        self.listener.wait_for_level("fusion_node", OK)
+
+    def recent(self, seconds):
+        """The poses of the next seconds."""
+        first = len(self.listener.poses)
+        self.listener.wait_for_poses(int(50 * seconds))
+        return self.listener.poses[first:]
+
+    def test_0_scale_is_found(self):
+        self.assertEqual(self.listener.statuses[0].state, FusionStatus.NOT_SCALED)
+        wait_until(lambda: self.listener.scales[-1].converged, "the scale is not found")
+        scale = self.listener.scales[-1]
+        self.assertAlmostEqual(scale.scale, SCALE_M, delta=0.02 * SCALE_M)
+        self.assertTrue(0.0 < scale.sigma < 0.02)
+        self.assertEqual((scale.segment, scale.header.frame_id), (0, "vo"))
+        self.assertEqual(self.listener.statuses[-1].state, FusionStatus.CONVERGED)
+        self.assertEqual(list(self.listener.statuses[-1].reasons), [])
+
+    def test_odometry_is_what_a_local_planner_takes(self):
+        poses = self.recent(2.0)
+        stamps = np.array([message.header.stamp.to_sec() for message in poses])
+        self.assertGreater(np.diff(stamps).min(), 0.0)
+        self.assertGreater(len(poses) / (stamps[-1] - stamps[0]), 20.0)
+        for message in poses:
+            self.assertEqual((message.header.frame_id, message.child_frame_id), ("odom", "base_link"))
+            for covariance in (message.pose.covariance, message.twist.covariance):
+                covariance = np.reshape(covariance, (6, 6))
+                self.assertTrue(np.isfinite(covariance).all())
+                self.assertGreater(np.linalg.eigvalsh(covariance).min(), 0.0)
+            self.assertAlmostEqual(message.twist.twist.linear.x, SPEED_M_S, delta=0.05)
+            self.assertAlmostEqual(message.twist.twist.angular.z, TURN_RAD_S, delta=0.05)
+        steps = [planar.between(xy_yaw(a), xy_yaw(b)) for a, b in zip(poses, poses[1:])]
+        self.assertLess(np.abs(steps).max(), 0.03)  # 10 mm and 5 mrad of motion, and no jump
+
+    def test_latency_is_bounded(self):
+        first = len(self.listener.poses)
+        self.listener.wait_for_poses(100)
+        pairs = zip(self.listener.arrivals_s[first:], self.listener.poses[first:])
+        delays = [arrival_s - message.header.stamp.to_sec() for arrival_s, message in pairs]
+        self.assertLess(np.median(delays), 0.05)
+        self.assertLess(max(delays), 0.5)
+
+    def test_laser_points_stay_where_they_are(self):
+        """The part of a costmap: a post, measured from wherever the laser is, stays on its place in odom."""
+        T_base_laser = planar.lift(np.zeros(3))
+        T_base_laser[:3, 3] = LASER_XYZ
+        hits = []
+        for _ in range(30):
+            stamp = rospy.Time.now()
+            found = self.listener.buffer.lookup_transform("odom", "laser", stamp, rospy.Duration(1.0))
+            self.assertAlmostEqual((found.header.stamp - stamp).to_sec(), 0.0, delta=1e-6)
+            T_world_laser = planar.lift(self.robot.pose(stamp.to_sec())) @ T_base_laser
+            seen = np.linalg.inv(T_world_laser) @ [5.0, 3.0, 0.2, 1.0]
+            hits.append(matrix_from_transform(found.transform) @ seen)
+            time.sleep(0.05)
+        self.assertLess(np.ptp(hits, axis=0).max(), 0.02)
+
+    def test_tf_is_the_odometry_and_every_frame_has_one_parent(self):
+        message = self.recent(0.2)[-1]
+        found = self.listener.buffer.lookup_transform("odom", "base_link", message.header.stamp, rospy.Duration(1.0))
+        self.assertAlmostEqual(found.transform.translation.x, message.pose.pose.position.x, places=9)
+        self.assertAlmostEqual(found.transform.rotation.z, message.pose.pose.orientation.z, places=9)
+        authorities = parents("base_link")
+        self.assertEqual(authorities, {("odom", "/fusion_node")})
+
+    def test_camera_silent_for_three_seconds(self):
+        before = self.recent(0.1)[-1]
+        self.robot.camera = False
+        try:
+            self.assertLess(self.listener.wait_for_level("fusion_node", WARN), 1.2)
+            self.assertIn("visual_odometry/status silent", self.listener.diagnostics["fusion_node"].message)
+            blind = self.recent(3.0)
+        finally:
+            self.robot.camera = True
+        self.assertEqual(self.listener.statuses[-1].state, FusionStatus.DEGRADED)
+        self.assertTrue(any("camera" in reason for reason in self.listener.statuses[-1].reasons))
+        variances = [np.reshape(message.pose.covariance, (6, 6))[5, 5] for message in (before, blind[-1])]
+        self.assertGreater(variances[1], variances[0])
+        self.listener.wait_for_level("fusion_node", OK)
+
+    def test_wheels_silent_for_two_seconds(self):
+        """The camera carries on alone, and the wheels are taken in again."""
+        count = len(self.listener.poses)
+        self.robot.wheels = False
+        try:
+            self.assertLess(self.listener.wait_for_level("wheel_odometry_node", ERROR), 1.2)
+            self.listener.wait_for_level("fusion_node", ERROR)
+            time.sleep(1.0)
+        finally:
+            self.robot.wheels = True
+        self.assertGreater(len(self.listener.poses), count + 10)
+        self.listener.wait_for_level("wheel_odometry_node", OK)
+        self.listener.wait_for_level("fusion_node", OK)
+
+    def test_garbage_on_the_wheels(self):
+        for angles, names in (
+            ((float("nan"), 0.0), ("left_wheel", "right_wheel")),
+            ((0.0, float("inf")), ("left_wheel", "right_wheel")),
+        ):
+            self.robot.joint_state(*angles, names)
+            self.listener.wait_for_level("wheel_odometry_node", WARN)
+            self.assertIn("not finite", self.listener.diagnostics["wheel_odometry_node"].message)
+            self.listener.wait_for_level("wheel_odometry_node", OK)
+        for names in (("elbow", "wrist"), ("left_wheel",), ()):
+            self.robot.joint_state(1.0, 2.0, names)
+        self.assertTrue(np.isfinite([xy_yaw(message) for message in self.recent(0.5)]).all())
+
+    def test_joint_states_without_wheels(self):
+        self.robot.wheels = False
+        try:
+            self.listener.wait_for_level("wheel_odometry_node", ERROR)
+            self.robot.joint_state(1.0, 2.0, ("elbow", "wrist"))
+            wait_until(lambda: "left_joint" in self.listener.diagnostics["wheel_odometry_node"].message, "no hint")
+        finally:
+            self.robot.wheels = True
+
+    def test_garbage_in_the_odometry(self):
+        publisher = rospy.Publisher("wheel/odometry", Odometry, queue_size=10)
+        wait_until(lambda: publisher.get_num_connections() >= 2, "nobody listens")
+        message = Odometry(header=Header(stamp=rospy.Time.now(), frame_id="odom"))
+        publisher.publish(message)  # a quaternion of zeros
+        self.listener.wait_for_level("fusion_node", WARN)
+        self.assertIn("quaternion", self.listener.diagnostics["fusion_node"].message)
+        message.pose.pose.orientation.w = float("nan")
+        publisher.publish(message)
+        wait_until(lambda: "not finite" in self.listener.diagnostics["fusion_node"].message, "no complaint")
+        self.listener.wait_for_level("fusion_node", OK)
+        publisher.unregister()
+
+    def test_garbage_in_the_visual_odometry(self):
+        publisher = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=10)
+        wait_until(lambda: publisher.get_num_connections() >= 1, "nobody listens")
+        status = VisualOdometryStatus(header=Header(stamp=rospy.Time.now(), frame_id="vo"), state=2, keyframe_id=10**6)
+        publisher.publish(status)  # a pose of zeros
+        self.listener.wait_for_level("fusion_node", WARN)
+        self.assertIn("quaternion", self.listener.diagnostics["fusion_node"].message)
+        status.pose_in_keyframe.orientation.w = 1.0
+        publisher.publish(status)  # relative to a keyframe that does not exist
+        status.pose_in_keyframe.orientation.w = float("nan")
+        publisher.publish(status)
+        status.state = 77
+        publisher.publish(status)
+        self.assertTrue(np.isfinite([xy_yaw(message) for message in self.recent(0.5)]).all())
+        publisher.unregister()
+
+    def test_reset_of_the_fusion(self):
+        self.recent(1.0)
+        self.assertTrue(service("fusion_node/reset", Trigger)().success)
+        wait_until(lambda: np.linalg.norm(xy_yaw(self.listener.poses[-1])) < 0.3, "the pose does not begin at zero")
+        wait_until(lambda: self.listener.scales[-1].converged, "the scale is not found again")
+
+    def test_reset_of_the_wheels_does_not_move_the_fused_pose(self):
+        before = self.recent(0.1)[-1]
+        self.assertTrue(service("wheel_odometry_node/reset", Trigger)().success)
+        wait_until(
+            lambda: np.linalg.norm(xy_yaw(self.listener.wheel_poses[-1])[:2]) < 0.2, "the wheels do not begin at zero"
+        )
+        after = self.recent(0.2)[-1]
+        driven_s = (after.header.stamp - before.header.stamp).to_sec()
+        self.assertLess(np.linalg.norm(planar.between(xy_yaw(before), xy_yaw(after))[:2]), SPEED_M_S * driven_s + 0.3)
+
+    def test_set_pose(self):
+        set_pose = service("fusion_node/set_pose", SetPose)
+        self.assertFalse(set_pose(PoseStamped(Header(frame_id="mars"), any_pose(1.0, 2.0, 0.5))).success)
+        self.assertFalse(set_pose(PoseStamped(Header(frame_id="odom"), any_pose(float("nan"), 0.0, 0.0))).success)
+        self.assertTrue(set_pose(PoseStamped(Header(frame_id="odom"), any_pose(10.0, 20.0, 0.5))).success)
+        pose = xy_yaw(self.recent(0.1)[-1])
+        self.assertLess(np.linalg.norm(pose[:2] - [10.0, 20.0]), 0.5)
+
+    def test_save_trajectory(self):
+        save = service("fusion_node/save_trajectory", SaveTrajectory)
+        with tempfile.TemporaryDirectory() as folder:
+            answer = save(str(Path(folder) / "new"))
+            self.assertTrue(answer.success, answer.message)
+            for name in ("wheel", "fused", "fused_smoothed"):
+                self.assertGreater(len(read_tum(Path(folder) / "new" / f"{name}.tum")), 5)
+        answer = save("/proc/nowhere")
+        self.assertFalse(answer.success)
+        self.assertIn("/proc/nowhere", answer.message)
+
+    def test_time_that_goes_backwards_starts_anew(self):
+        resets = self.listener.statuses[-1].resets
+        self.robot.shift_s -= 100.0
+        wait_until(lambda: self.listener.statuses[-1].resets == resets + 1, "no reset")
+        self.assertLess(np.linalg.norm(xy_yaw(self.listener.poses[-1])[:2]), 0.5)
+        wait_until(lambda: self.listener.scales[-1].converged, "the scale is not found again")
+        self.assertEqual(self.listener.statuses[-1].resets, resets + 1)
+        self.robot.shift_s += 100.0
+        self.listener.wait_for_poses(50)
+
+    def test_y_restart_of_each_node(self):
+        for node in ("wheel_odometry_node", "fusion_node"):
+            end_node(f"/{node}")
+            self.listener.diagnostics.pop(node, None)
+            self.listener.wait_for_level(node, OK)
+            self.listener.wait_for_level("fusion_node", OK)
+        wait_until(lambda: self.listener.scales[-1].converged, "the scale is not found again")
+
+    def test_z_another_parent_of_the_base(self):
+        """The fusion steps back, so that the base does not jump between two parents."""
+        driver = tf2_ros.TransformBroadcaster()
+        transform = TransformStamped(header=Header(frame_id="odom"), child_frame_id="base_link")
+        transform.transform.rotation.w = 1.0
+        deadline = time.monotonic() + 20.0
+        while self.listener.level("fusion_node") != ERROR and time.monotonic() < deadline:
+            transform.header.stamp = rospy.Time.now()
+            driver.sendTransform(transform)
+            time.sleep(0.05)
+        self.assertEqual(self.listener.level("fusion_node"), ERROR)
+        self.assertIn("tf_mode", self.listener.diagnostics["fusion_node"].message)
+        self.assertEqual(parents("base_link"), set())
+
+
+if __name__ == "__main__":
+    rospy.init_node("fusion_rostest")
+    rostest.rosrun("ceiling_dso_ros", "fusion", Fusion, sys.argv)
