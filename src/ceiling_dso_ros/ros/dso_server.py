@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+import traceback
 from typing import Dict, Optional, Tuple, Union
 
 import rospy
@@ -177,6 +178,10 @@ class DsoServer:
             self._images.complain(str(error))
             rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
             status = no_pose_message(header, self._status.state, str(error))
+        except Exception as error:  # a robot that drives must not lose the node, whatever an image does to it
+            rospy.logerr("the odometry failed, starting anew: %s", traceback.format_exc())
+            self._start_anew()
+            status = no_pose_message(header, VisualOdometryStatus.LOST, f"failed: {type(error).__name__}: {error}")
         status.camera_frame_id = self._camera_frame(message)
         status.processing_ms = 1e3 * (time.perf_counter() - start_s)
         status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected

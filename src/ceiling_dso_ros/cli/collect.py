@@ -1,0 +1,48 @@
+"""`collect`: from what the nodes have published to trajectories that `evaluate` takes."""
+
+import argparse
+from pathlib import Path
+
+from ceiling_dso_ros.io.errors import InputError, OutputError
+
+TOPICS = {"camera": "/visual_odometry/pose", "wheel": "/wheel/odometry", "fused": "/odometry/filtered"}
+
+
+def add_parser(commands: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "collect",
+        help="trajectories out of what the nodes have published",
+        description="Write camera.tum, wheel.tum and fused.tum from a bag that was recorded beside the nodes, such as "
+        "that of playback.launch record:=BAG.",
+    )
+    parser.add_argument("bag", metavar="BAG", type=Path, help="a ROS 1 bag")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the files go; made if missing")
+    for name, topic in TOPICS.items():
+        parser.add_argument(f"--{name}-topic", metavar="TOPIC", default=topic, help="default %(default)s")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Write the trajectories.
+
+    Raises:
+        InputError: the bag cannot be read or has none of the topics, or the folder cannot be written.
+    """
+    from ceiling_dso_ros.io.bag_trajectories import read_trajectories
+    from ceiling_dso_ros.io.trajectory import write_tum
+
+    topics = {name: getattr(options, f"{name}_topic") for name in TOPICS}
+    trajectories = read_trajectories(options.bag, topics)
+    if not trajectories:
+        raise InputError(f"{options.bag}: no poses on {', '.join(topics.values())}")
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        for name, trajectory in trajectories.items():
+            write_tum(options.out / f"{name}.tum", trajectory)
+    except OSError as error:
+        raise InputError(f"{options.out}: cannot write there: {error.strerror}") from error
+    except OutputError as error:
+        raise InputError(str(error)) from error
+    for name, trajectory in trajectories.items():
+        print(f"{options.out / name}.tum: {len(trajectory)} poses of {topics[name]}")

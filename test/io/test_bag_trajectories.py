@@ -1,0 +1,38 @@
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.io.bag_trajectories import read_trajectories
+from ceiling_dso_ros.io.bag_writer import BagWriter
+from ceiling_dso_ros.io.errors import InputError
+
+
+def pose(x):
+    T = np.eye(4)
+    T[0, 3] = x
+    return T
+
+
+@pytest.fixture
+def bag(tmp_path):
+    path = tmp_path / "published.bag"
+    with BagWriter(path) as writer:
+        for second in (1, 2, 2, 3):  # one stamp twice
+            stamp_ns = second * 10**9
+            writer.odometry("/odometry/filtered", stamp_ns, "odom", "base_link", pose(second), np.zeros(3), np.zeros(3))
+            writer.pose("/pose", stamp_ns, "vo", pose(10.0 * second))
+        writer.pose("/pose", 4 * 10**9, "vo", pose(np.nan))
+        writer.ticks("/ticks", 10**9, 5)
+    return path
+
+
+def test_poses_of_every_type(bag):
+    trajectories = read_trajectories(bag, {"fused": "/odometry/filtered", "camera": "/pose", "nobody": "/nothing"})
+    assert set(trajectories) == {"fused", "camera"}
+    for name, gain in (("fused", 1.0), ("camera", 10.0)):
+        assert trajectories[name].stamps_s.tolist() == [1.0, 2.0, 3.0]
+        assert trajectories[name].positions[:, 0].tolist() == [gain, 2.0 * gain, 3.0 * gain]
+
+
+def test_topics_without_poses_are_named(bag):
+    with pytest.raises(InputError, match="/ticks"):
+        read_trajectories(bag, {"fused": "/ticks"})
