@@ -1,11 +1,11 @@
 """One run of the fusion over a tracked recording, measured against the truth."""
 
-from typing import Dict, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import OdometryStatus
-from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind, align
 from ceiling_dso_ros.evaluation.association import interpolate_poses
 from ceiling_dso_ros.evaluation.fusing import FusionPlayback, robot_model
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
@@ -14,8 +14,6 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.state import ScaleState
 from ceiling_dso_ros.io.recording import Recording
 from ceiling_dso_ros.io.trajectory import Trajectory
-
-SCALE_WAY_M = 5.0  # over so much way the true scale is measured
 
 
 class FusedRun:
@@ -39,13 +37,13 @@ class FusedRun:
         self._camera_truth, self._base_truth = camera_truth, base_truth
         camera = TrajectoryRecorder()
         self._scales: List[Tuple[float, ScaleState]] = []
-        self._segments: Dict[float, int] = {status.stamp_s: status.segment for status in statuses}
         for status in statuses:
             self.playback.add(status)
             camera.add(status)
             self._scales.append((status.stamp_s, self.playback.estimator.scale))
         self.playback.finish()
         self._camera = camera.final()
+        self._segments = np.array([status.segment for status in statuses if status.state is TrackingState.TRACKING])
         steps_m = np.hypot(*np.diff(base_truth.positions[:, :2], axis=0).T)
         self._way_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         self.path_m = float(self._way_m[-1])
@@ -59,21 +57,20 @@ class FusedRun:
         return 100.0 * self.ate_m(trajectory) / self.path_m
 
     def scale_error_percent(self, way_m: float, wheels_per_true: float = 1.0) -> float:
-        """Error of the scale as known after so much way, inf where no scale is known.
+        """Error of the scale as known after so much way, inf where none is known.
 
-        The truth is that of the camera's path over the SCALE_WAY_M before, as the odometry has it in the end: the scale
-        of a visual odometry drifts.
+        The truth is the scale of the Sim(3) that aligns the camera's path of that segment so far, as the odometry has
+        it in the end, with the true one: over shorter ways the errors of the odometry hide it.
 
         Args:
             way_m: of the base from the start.
             wheels_per_true: length of a way by the wheels over its true length, to which the scale is bound.
         """
-        start_s, end_s = self.time_s(way_m - SCALE_WAY_M), self.time_s(way_m)
-        scale = [state for stamp_s, state in self._scales if stamp_s <= end_s][-1]
+        until_s = self.time_s(way_m)
+        scale = [state for stamp_s, state in self._scales if stamp_s <= until_s][-1]
         stamps_s = self._camera.stamps_s
-        segments = np.array([self._segments[stamp_s] for stamp_s in stamps_s])
-        chosen = (start_s <= stamps_s) & (stamps_s <= end_s) & (segments == scale.segment)
-        if not scale.converged or chosen.sum() < 3:
+        chosen = (stamps_s <= until_s) & (self._segments == scale.segment)
+        if not scale.converged or chosen.sum() < MIN_PAIRS:
             return np.inf
         true = interpolate_poses(self._camera_truth.stamps_s, self._camera_truth.matrices(), stamps_s[chosen])
         aligned = align(self._camera.positions[chosen], true[:, :3, 3], AlignmentKind.SIM3)

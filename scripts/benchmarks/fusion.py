@@ -14,7 +14,7 @@ from typing import Callable, Dict, Iterator, List
 import fusion_simulated
 import numpy as np
 from drives import Kept, Statuses
-from fused_run import SCALE_WAY_M, FusedRun
+from fused_run import FusedRun
 from scipy.spatial.transform import Rotation
 from table import Row, report
 
@@ -56,7 +56,7 @@ def drives(kept: Kept, seeds: int) -> Iterator[Row]:
         fused = [run.ate_percent(run.playback.fused()) for run in runs]
         wheel = [run.ate_percent(run.playback.wheel()) for run in runs]
         smoothed = [run.ate_percent(run.playback.smoothed()) for run in runs]
-        yield Row(name, "scale error after 5 m, %", [run.scale_error_percent(SCALE_WAY_M) for run in runs], 0.5)
+        yield Row(name, "scale error after 5 m, %", [run.scale_error_percent(5.0) for run in runs], 0.5)
         yield Row(name, "scale error at the end, %", [run.scale_error_percent(run.path_m) for run in runs], 0.2)
         yield Row(name, "ATE fused, % of path", fused, 0.3)
         yield Row(name, "ATE wheels / fused", np.divide(wheel, fused), low=5.0)

@@ -43,7 +43,7 @@ class Truth:
     wheel_noise: float = 0.002  # m per sqrt(m)
     shift_sigma: float = 1.5e-4  # units, keyframe to keyframe: 0.7 mm below a ceiling of 4.5 m
     turn_sigma: float = 2e-4  # rad: 0.011 degrees
-    scale_walk: float = 1.5e-3
+    scale_walk: float = 4e-4
     vibration: float = 1e-3  # rad of roll and pitch
     unit_m: float = 4.5
     camera_delay_s: float = 0.0  # a motion is seen in the image whose stamp is this much later

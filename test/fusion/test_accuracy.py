@@ -28,7 +28,7 @@ def test_metric_and_far_better_than_wheels(simulate, fuse, robot_truth, sequence
     nodes = fused.estimator.smoothed()
     smoothed = fused.ate([node.stamp_s for node in nodes], [node.pose for node in nodes])
     assert abs(fused.scale_error(after_m=5.0)) < 0.005
-    assert abs(fused.scale_error()) < 0.002 + 2.0 * 0.0018  # and twice what the drifting visual scale leaves open
+    assert abs(fused.scale_error()) < 0.002
     assert live < 0.003 * path
     assert live < wheels / 5.0
     assert smoothed < 0.002 * path

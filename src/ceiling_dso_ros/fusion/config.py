@@ -114,7 +114,7 @@ class ScaleConfig:
 
     ceiling_height_m: Optional[float] = None  # above the camera; the unit is about this long, so it is a first guess
     height_sigma: float = 0.3  # of that guess
-    walk_sigma: float = 1.5e-3  # drift over a way of one unit
+    walk_sigma: float = 4e-4  # drift over a way of one unit
     converged_sigma: float = 0.005  # below it the scale is known
     lost_sigma: float = 0.02  # above it it is not known any more
 
