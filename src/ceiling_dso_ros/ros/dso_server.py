@@ -32,6 +32,7 @@ from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, s
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
 BUFFER_BYTES = 2**24  # several images; with rospy's 64 kB old ones would wait unseen in the socket
 EXPOSURE_TIMEOUT_S = 0.05
+CALIBRATION_TIMEOUT_S = 0.3  # the first image and its camera_info come over different connections
 WARNING_PERIOD_S = 5.0
 LEVELS = {VisualOdometryStatus.TRACKING: diagnostics.OK, VisualOdometryStatus.LOST: diagnostics.ERROR}
 STATE_NAMES = {
@@ -105,6 +106,7 @@ class DsoServer:
         self._camera_info: Tuple = ()  # as last received
         self._camera_info_complaint = ""
         self._calibration: Optional[CameraCalibration] = None  # the newest, set by the thread of camera_info
+        self._calibrated = threading.Event()
         self._used_calibration: Optional[CameraCalibration] = None  # what the next two were made from
         self._preprocess: Optional[ImagePreprocessor] = None
         self._odometry: Optional[DirectOdometry] = None
@@ -112,6 +114,7 @@ class DsoServer:
 
         if calibration_file is not None:
             self._calibration = read_camera_file(calibration_file)
+            self._calibrated.set()
         warm_up()
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
         self._offer_services()
@@ -163,6 +166,7 @@ class DsoServer:
         try:
             self._calibration = calibration_from_camera_info(*fields, self._rectified, source=topic)
             self._camera_info_complaint = ""
+            self._calibrated.set()
         except InputError as error:
             self._camera_info_complaint = f"ignored: {error}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, self._camera_info_complaint)
@@ -194,6 +198,7 @@ class DsoServer:
         Raises:
             FrameError: the image is unusable.
         """
+        self._calibrated.wait(CALIBRATION_TIMEOUT_S)
         if self._calibration is not self._used_calibration:
             self._use(self._calibration)
         if self._odometry is None:

@@ -12,10 +12,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 
 from ceiling_dso_ros.fusion.config import FusionConfig
-from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.ros import diagnostics, parameters
-from ceiling_dso_ros.ros.conversions import ros_time
+from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import read_robot
 from ceiling_dso_ros.ros.services import offer_trigger
@@ -34,7 +34,7 @@ class WheelServer:
             stamps, so that of their arrival is taken: prefer joint_states.
 
     Publishes:
-        wheel/odometry (nav_msgs/Odometry): with covariances, for every sample but the first.
+        wheel/odometry (nav_msgs/Odometry): with covariances, for every sample.
         /tf: odom -> base_link, only with ~publish_tf.
         /diagnostics
 
@@ -125,18 +125,23 @@ class WheelServer:
         if self._odometry.message:
             self._samples.complain(self._odometry.message)
             rospy.logwarn_throttle(5.0, self._odometry.message)
-        if step is None:
-            return
-        header = Header(stamp=ros_time(step.end_s), frame_id=self._odom_frame)
-        pose, noise = self._odometry.total.pose, self._odometry.noise
-        along = np.ix_((0, 2), (0, 2))
-        twist_covariance = (noise.white(step) + noise.resolution)[along] / (step.end_s - step.start_s) ** 2
+        total, noise = self._odometry.total, self._odometry.noise
+        if step is not None:
+            along = np.ix_((0, 2), (0, 2))
+            covariance = (noise.white(step) + noise.resolution)[along] / (step.end_s - step.start_s) ** 2
+            self._publish(total, step.rate[::2], covariance)
+        elif total is not None and total.start_s == total.end_s == self._last_s:  # the origin
+            self._publish(total, np.zeros(2), UNKNOWN_VARIANCE * np.eye(2))
+
+    def _publish(self, total: WheelMotion, twist: np.ndarray, twist_covariance: np.ndarray) -> None:
+        """Publish the motion so far and (2,) forward speed and yaw rate with (2, 2) covariance."""
+        header = Header(stamp=ros_time(total.end_s), frame_id=self._odom_frame)
         covariance = self._odometry.covariance_odom
         self._publisher.publish(
-            planar_odometry(header, self._base_frame, pose, covariance, step.rate[::2], twist_covariance)
+            planar_odometry(header, self._base_frame, total.pose, covariance, twist, twist_covariance)
         )
         if self._broadcaster is not None:
-            self._broadcaster.sendTransform(planar_transform(header, self._base_frame, pose))
+            self._broadcaster.sendTransform(planar_transform(header, self._base_frame, total.pose))
 
     def _reset(self) -> str:
         with self._lock:
