@@ -13,7 +13,6 @@ import pytest
 pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
 
 from ceiling_dso_ros.cli.main import main
-from ceiling_dso_ros.io.bag_reader import read_messages
 from ceiling_dso_ros.io.bag_trajectories import read_trajectories
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.trajectory import read_tum

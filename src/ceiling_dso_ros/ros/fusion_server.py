@@ -22,6 +22,7 @@ from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time
 from ceiling_dso_ros.ros.fused_record import FusedRecord
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
+from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.robot_parameter import read_robot, with_camera
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
@@ -46,6 +47,8 @@ class FusionServer:
             wheels are silent for every image.
         fusion/scale (FusionScale), fusion/status (FusionStatus): with each pose.
         fusion/path (nav_msgs/Path): the poses so far, every half second, when somebody listens.
+        fusion/points (sensor_msgs/PointCloud2), fusion/keyframes (geometry_msgs/PoseArray): what the camera sees now,
+            in metres and in odom, when somebody listens.
         fusion/motion_prediction (MotionPrediction): with each pose, when somebody listens.
         /tf: odom -> base_link, see ~publish_tf and ~tf_mode.
         /diagnostics
@@ -95,6 +98,7 @@ class FusionServer:
         self._camera_known = has_camera
         self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
         self._publisher = FusionPublisher(self._odom_frame, base_frame)
+        self._map = MetricMap(self._odom_frame)
         self._transform = BaseTransform(tf_mode, self._odom_frame, base_frame)
         self._forget()
 
@@ -125,6 +129,7 @@ class FusionServer:
         self._camera_may_be_old = True
         self._visual.clear()
         self._publisher.reset()
+        self._map.clear()
 
     # Input
 
@@ -177,6 +182,10 @@ class FusionServer:
             self._newest_image = status
             for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
                 self._publish(state, start_s)
+            if status.keyframes:
+                robot = self._robot
+                stamp = ros_time(status.stamp_s)
+                self._map.add_window(stamp, status.keyframes, robot.camera_time_offset_s, robot.T_base_camera)
 
     def _use_mount(self) -> None:
         """Take the camera in as soon as it is known where it sits."""
@@ -199,6 +208,7 @@ class FusionServer:
         if state is None:
             return
         self._state = state
+        self._map.add_pose(state)
         if self._keep:
             self._record.add(state, self._estimator.wheels.total.pose)
         self._counts.wheel_samples, self._counts.wheel_rejected = self._wheels.received, self._wheels.rejected

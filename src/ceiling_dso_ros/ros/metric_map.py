@@ -1,0 +1,89 @@
+"""The visual odometry's map in metres and in odom, so that one can look at it beside everything else."""
+
+from collections import deque
+from typing import Deque, Optional, Tuple
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import Pose, PoseArray
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+
+from ceiling_dso_ros.dso import KeyframeEstimate, se3
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.state import FusedState
+from ceiling_dso_ros.ros.conversions import pose_from_matrix
+
+REMEMBERED_POSES = 500  # longer than an image takes through the visual odometry
+
+
+class MetricMap:
+    """The topics `fusion/keyframes` and `fusion/points`.
+
+    Each window is placed by its newest keyframe, at the fused pose of its stamp, with the scale of that time: a picture
+    of where things are, not a map that is corrected later.
+    """
+
+    def __init__(self, odom_frame: str) -> None:
+        self._odom_frame = odom_frame
+        self._keyframes = rospy.Publisher("fusion/keyframes", PoseArray, queue_size=1)
+        self._points = rospy.Publisher("fusion/points", PointCloud2, queue_size=1, subscriber_listener=self)
+        self._input: Optional[rospy.Subscriber] = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget where the robot was."""
+        self._poses: Deque[Tuple[float, np.ndarray, float]] = deque(maxlen=REMEMBERED_POSES)
+        self._placed: Optional[Tuple[float, np.ndarray]] = None
+
+    def add_pose(self, state: FusedState) -> None:
+        """Remember a fused pose."""
+        self._poses.append((state.stamp_s, state.pose, state.scale.value))
+
+    def add_window(self, stamp: rospy.Time, keyframes: tuple, stamp_offset_s: float, T_base_camera: np.ndarray) -> None:
+        """Publish a window.
+
+        Args:
+            stamp: of the image that it was refined with.
+            keyframes: KeyframeEstimate, not empty.
+            stamp_offset_s: what to add to an image's stamp to have it on the clock of the poses.
+            T_base_camera: (4, 4).
+        """
+        newest: KeyframeEstimate = max(keyframes, key=lambda keyframe: keyframe.stamp_s)
+        at_s = newest.stamp_s + stamp_offset_s
+        if not self._poses or not np.isfinite(self._poses[-1][2]) or at_s < self._poses[0][0]:
+            return
+        _, pose, scale = min(self._poses, key=lambda known: abs(known[0] - at_s))
+        S = np.diag([scale, scale, scale, 1.0])
+        M = planar.lift(pose) @ T_base_camera @ S @ se3.inverse(newest.T_world_camera)  # VO world -> odom
+        self._placed = (stamp.to_sec(), M)
+        if self._keyframes.get_num_connections() > 0:
+            header = Header(stamp=stamp, frame_id=self._odom_frame)
+            self._keyframes.publish(PoseArray(header, [_pose(M @ k.T_world_camera, scale) for k in keyframes]))
+
+    def peer_subscribe(self, *_: object) -> None:
+        """Called by rospy when somebody looks: only then dso_node needs to send its points."""
+        if self._input is None:
+            self._input = rospy.Subscriber("visual_odometry/points", PointCloud2, self._on_points, queue_size=1)
+
+    def peer_unsubscribe(self, _name: str, remaining: int) -> None:
+        """Called by rospy when somebody has seen enough."""
+        if remaining == 0 and self._input is not None:
+            self._input.unregister()
+            self._input = None
+
+    def _on_points(self, message: PointCloud2) -> None:
+        placed = self._placed
+        if placed is None or abs(placed[0] - message.header.stamp.to_sec()) > 1.0:
+            return
+        table = np.frombuffer(message.data, np.float32).reshape(-1, 4).copy()
+        table[:, :3] = table[:, :3] @ placed[1][:3, :3].T + placed[1][:3, 3]
+        message.header.frame_id, message.data = self._odom_frame, table.tobytes()
+        self._points.publish(message)
+
+
+def _pose(T: np.ndarray, scale: float) -> Pose:
+    """Of a transform whose rotation has been scaled."""
+    T = T.copy()
+    T[:3, :3] /= scale
+    return pose_from_matrix(T)
