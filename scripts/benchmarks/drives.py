@@ -45,7 +45,7 @@ class Kept:
         return statuses
 
     def drive(self, config: SimulationConfig) -> Tuple[SimulatedRecording, Statuses]:
-        """A simulated drive; drives that differ in wheels, slip and late stamps alone share their images."""
+        """A simulated drive of the usual length, camera and vibration; wheels, slip and late stamps are not seen."""
         seen = tuple(event for event in config.events if event.partition("@")[0] not in UNSEEN_EVENTS)
         name = "_".join([config.sequence, config.ceiling, str(config.seed), *seen])
         statuses = self.statuses(SimulatedRecording(replace(config, events=seen, time_offset_s=0.0)), name)
