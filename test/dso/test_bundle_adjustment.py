@@ -22,7 +22,7 @@ HOLD_FIRST = [4e10] * 3 + [1e11] * 3 + [1e12, 1e8]
 
 def linearized(window):
     result = Linearization(window.keyframes.offset.shape[0], window.points.capacity)
-    result.update(window)
+    result.update(window, window.points)
     return result
 
 
@@ -144,7 +144,7 @@ def test_a_strong_prior_wins_wherever_the_estimate_starts():
     window.prior.b[:20] = -J.T @ J @ minimum
     window.move(np.r_[2e-3 * rng.normal(size=20), np.zeros(8)])
     adjustment = BundleAdjustment(window, OptimizationConfig())
-    adjustment.linearization.update(window)
+    adjustment.linearization.update(window, window.points)
     step = adjustment._step(window, project=False)
     np.testing.assert_allclose(window.offsets[:20] + step[:20], minimum, atol=1e-4)
 
@@ -154,7 +154,7 @@ def test_later_steps_do_not_move_what_images_cannot_see():
     hold_first_keyframe(window)
     perturb(window, np.random.default_rng(0))
     adjustment = BundleAdjustment(window, OptimizationConfig())
-    adjustment.linearization.update(window)
+    adjustment.linearization.update(window, window.points)
     free, projected = (adjustment._step(window, project=project) for project in (False, True))
     basis = null_space(window)
     assert np.linalg.norm(basis.T @ free) > 1e-4

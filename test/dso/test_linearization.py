@@ -9,12 +9,12 @@ from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.linearization import (
     Linearization,
     linearize_host,
-    relative_from_absolute,
     scratch_memory,
 )
 from ceiling_dso_ros.dso.pair_geometry import pair_geometry
 from ceiling_dso_ros.dso.pattern import PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.points import INLIER, NONE, OUT_OF_BOUNDS, OUTLIER
+from ceiling_dso_ros.dso.reduction_kernels import relative_step, to_absolute
 
 SIZE = 28  # 4 intrinsics and 3 keyframes of 8
 STEP = np.concatenate([np.full(4, 0.05), np.tile(np.r_[np.full(6, 2e-4), 1e-3, 0.05], 3)])  # for numeric differences
@@ -38,8 +38,13 @@ def relinearize(window):
 
 def linearized(window):
     result = Linearization(window.keyframes.offset.shape[0], window.points.capacity)
-    result.update(window)
+    result.update(window, window.points)
     return result
+
+
+def relative_by_absolute(host, n, pairs):
+    """Derivative of (intrinsics, relative parameters of a host) by (intrinsics, keyframes), (SIZE, SIZE)."""
+    return np.stack([relative_step(host, n, pairs, column) for column in np.eye(SIZE)], axis=1)
 
 
 def blocks(window):
@@ -56,7 +61,7 @@ def blocks(window):
             host, n, first, last, points, residuals, window.keyframes, pairs, window.pool.buffers,
             window.width, window.height, window.intrinsics.astype(np.float32), scratch, system,
         )  # fmt: skip
-        B = relative_from_absolute(host, n, pairs)
+        B = relative_by_absolute(host, n, pairs)
         H += B.T @ system[:SIZE, :SIZE] @ B
         b += B.T @ system[:SIZE, SIZE]
         rows = np.zeros((SIZE, last - first))
@@ -299,10 +304,20 @@ def test_a_keyframe_without_points_and_an_empty_window():
     assert linearized(window).count == 20
 
 
+def test_rows_go_to_absolute_parameters_by_the_transposed_derivative(perturbed):
+    pairs = pair_geometry(perturbed.keyframes, 3, perturbed.intrinsics)
+    rows = np.random.default_rng(0).normal(size=(SIZE, 5))
+    for host in range(3):
+        own = slice(4 + 8 * host, 12 + 8 * host)  # a host has no residual into itself: those rows are empty
+        rows[own] = 0.0
+        expected = relative_by_absolute(host, 3, pairs).T @ rows
+        np.testing.assert_allclose(to_absolute(host, 3, pairs, rows), expected, atol=1e-12)
+
+
 def test_brightness_columns_follow_the_definition(perturbed):
     """Numeric derivative of gain and offset of the pairs by (a, b) of host and target."""
     pairs = pair_geometry(perturbed.keyframes, 3, perturbed.intrinsics)
-    B = relative_from_absolute(0, 3, pairs)
+    B = relative_by_absolute(0, 3, pairs)
     grey = 130.0
     d = grey - perturbed.keyframes.affine_eval[0, 1]
     for column in (10, 11, 18, 19):

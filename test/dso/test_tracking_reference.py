@@ -15,7 +15,7 @@ SURFACE = Surface(slope=(-0.2, 0.1), relief=0.05)
 @pytest.fixture
 def window():
     window = true_window(150, surface=SURFACE)
-    Linearization(window.keyframes.offset.shape[0], window.points.capacity).update(window)
+    Linearization(window.keyframes.offset.shape[0], window.points.capacity).update(window, window.points)
     return window
 
 
@@ -71,7 +71,9 @@ def test_points_that_meet_are_averaged_by_weight():
     x, y, idepth, w = (
         np.array(a, np.float32) for a in ([5.4, 4.6, 9.0, 0.0], [3.0, 3.4, 5.0, 3.0], [1, 2, 3, 4], [1, 3, 2, 1])
     )
-    splat(x, y, idepth, w, 20, 10, total, weight)
+    pixels = np.zeros(4, np.int64)
+    assert splat(x, y, idepth, w, 20, 10, total, weight, pixels) == 2
+    assert pixels[:2].tolist() == [3 * 20 + 5, 5 * 20 + 9]
     assert total[3 * 20 + 5] == 7
     assert weight[3 * 20 + 5] == 4
     assert total[5 * 20 + 9] == 6
@@ -79,10 +81,14 @@ def test_points_that_meet_are_averaged_by_weight():
 
 
 def test_coarser_levels_are_sums():
-    fine = np.arange(48, dtype=np.float32)
-    coarse = np.empty(12, np.float32)
-    sum_down(fine, 8, 4, 3, coarse)
-    np.testing.assert_array_equal(coarse.reshape(3, 4), fine.reshape(3, 2, 4, 2).sum(axis=(1, 3)))
+    fine, fine_weight = np.arange(48, dtype=np.float32), np.ones(48, np.float32)
+    coarse, weight, listed = np.zeros(12, np.float32), np.zeros(12, np.float32), np.zeros(12, np.int64)
+    pixels = np.flatnonzero(np.arange(48) % 8 < 6)  # the last column of coarse pixels stays empty
+    count = sum_down(pixels, fine, fine_weight, 8, 4, 3, coarse, weight, listed)
+    sums = fine.reshape(3, 2, 4, 2).sum(axis=(1, 3))
+    np.testing.assert_array_equal(coarse.reshape(3, 4)[:, :3], sums[:, :3])
+    assert not coarse.reshape(3, 4)[:, 3].any()
+    assert sorted(listed[:count]) == np.flatnonzero(weight).tolist() == [0, 1, 2, 4, 5, 6, 8, 9, 10]
 
 
 @pytest.mark.parametrize(
@@ -94,7 +100,10 @@ def test_dilation(diagonal, neighbours):
     total[5 * width + 5], weight[5 * width + 5] = 6.0, 3.0
     image = np.arange(width * height, dtype=np.float32)
     u, v, idepth, grey = (np.zeros(width * height, np.float32) for _ in range(4))
-    count = collect(total, weight, image, width, height, diagonal, u, v, idepth, grey)
+    seen = np.zeros(width * height, np.uint8)
+    pixels = np.array([5 * width + 5])
+    count = collect(pixels, total, weight, image, width, height, diagonal, seen, u, v, idepth, grey)
+    assert not seen.any()
     assert set(zip(u[:count].tolist(), v[:count].tolist())) == neighbours | {(5, 5)}
     assert (idepth[:count] == 2.0).all()
     np.testing.assert_array_equal(grey[:count], v[:count] * width + u[:count])

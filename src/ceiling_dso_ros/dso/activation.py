@@ -39,12 +39,14 @@ class Activator:
         pairs = pair_geometry(window.keyframes, window.count, window.intrinsics)
         eligible = self._eligible(window)
         chosen = eligible[self._spread(window, pairs, eligible)]
-        idepths = np.empty(chosen.size, np.float32)
-        inliers = np.zeros((window.keyframes.offset.shape[0], chosen.size), np.uint8)
         candidates = window.candidates.arrays
-        refine_idepths(
-            candidates, chosen, window.count, window.pool.buffers, window.width, window.height,
-            window.keyframes, pairs, self.config.iterations, self.config.min_hessian, idepths, inliers,
+        idepths = 0.5 * (candidates.idepth_min[chosen] + candidates.idepth_max[chosen])
+        ranges = np.searchsorted(candidates.host[chosen], np.arange(window.count + 1))
+        inliers = np.zeros((window.keyframes.offset.shape[0], chosen.size), np.uint8)
+        inliers[: window.count] = refine_idepths(
+            candidates.u[chosen], candidates.v[chosen], candidates.grey[:, chosen], candidates.weight[:, chosen],
+            idepths, ranges, window.pool.buffers, window.width, window.height, window.keyframes, pairs,
+            self.config.iterations, self.config.min_hessian,
         )  # fmt: skip
         good = np.isfinite(idepths)
         ripe = chosen[good]

@@ -10,7 +10,8 @@ from ceiling_dso_ros.dso.tracking import TrackedFrame
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window import KeyframeWindow
 
-MIN_POINTS_LEFT = 0.05
+MIN_POINTS_LEFT = 0.05  # share of the active points that a keyframe ever had
+KEPT_NEWEST = 2
 MAX_BRIGHTNESS_CHANGE = 0.7  # |ln alpha|
 
 
@@ -47,9 +48,9 @@ def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, confi
     """
     n = window.count
     flagged: List[int] = []
-    points = np.diff(window.points.host_ranges(n)) + np.diff(window.candidates.host_ranges(n))
+    points = np.diff(window.points.host_ranges(n))
     log_gain = window.keyframes.affine[:n, 0] + np.log(window.keyframes.exposure[:n])
-    for slot in range(n - 1):
+    for slot in range(n - KEPT_NEWEST):
         if n - len(flagged) < config.min_keyframes:
             break
         nearly_empty = points[slot] < MIN_POINTS_LEFT * (points[slot] + window.gone_points[slot])

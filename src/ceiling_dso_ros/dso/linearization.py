@@ -1,4 +1,4 @@
-"""Linearisation of the window: residual states, normal equations per host, Schur complement over inverse depths."""
+"""Linearisation of the window: residual states and normal equations per host, put together."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,16 @@ import numpy as np
 
 from ceiling_dso_ros.dso.jit import kernel
 from ceiling_dso_ros.dso.pair_geometry import PairGeometry, pair_geometry
-from ceiling_dso_ros.dso.points import INLIER, OUT_OF_BOUNDS, OUTLIER, RELATIVE_PARAMETERS, PointArrays, ResidualArrays
+from ceiling_dso_ros.dso.points import (
+    INLIER,
+    OUT_OF_BOUNDS,
+    OUTLIER,
+    RELATIVE_PARAMETERS,
+    PointArrays,
+    PointTable,
+    ResidualArrays,
+)
+from ceiling_dso_ros.dso.reduction_kernels import add_absolute, idepth_steps, subtract_schur
 from ceiling_dso_ros.dso.residual_kernels import (
     COLUMNS,
     GEOMETRY,
@@ -20,8 +29,6 @@ from ceiling_dso_ros.dso.residual_kernels import (
     sum_pattern,
 )
 from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeArrays, KeyframeWindow
-
-MIN_IDEPTH_HESSIAN = np.float32(1e-6)
 
 
 class Scratch(NamedTuple):
@@ -177,69 +184,6 @@ def linearize_host(
 
 
 @kernel
-def subtract_schur(
-    host: int, n: int, first: int, last: int, points: PointArrays, idepth_relative: np.ndarray,
-    scratch: Scratch, system: np.ndarray,
-) -> None:  # fmt: skip
-    """Eliminate the inverse depths of a host's points from its system."""
-    m = last - first
-    rows, scaled = scratch.depth_rows, scratch.scaled_rows
-    targets = np.array([target for target in range(n) if target != host])
-    used = INTRINSICS + RELATIVE_PARAMETERS * targets.size + 1
-    rows[:INTRINSICS, :m] = points.idepth_intrinsics[:, first:last]
-    for k, target in enumerate(targets):
-        o = INTRINSICS + RELATIVE_PARAMETERS * k
-        rows[o : o + RELATIVE_PARAMETERS, :m] = idepth_relative[target, :, first:last]
-    rows[used - 1, :m] = points.idepth_gradient[first:last]
-    inverse = np.empty(m, np.float32)
-    for i in range(m):
-        hessian = points.idepth_hessian[first + i]
-        inverse[i] = np.float32(1) / hessian if hessian > MIN_IDEPTH_HESSIAN else np.float32(0)
-    for row in range(used):
-        for i in range(m):
-            scaled[row, i] = rows[row, i] * inverse[i]
-    product = np.zeros((used, used))
-    add_dots(rows, scaled[:used], m, used, product)
-    position = np.empty(used, np.int64)
-    position[:INTRINSICS] = np.arange(INTRINSICS)
-    position[used - 1] = INTRINSICS + RELATIVE_PARAMETERS * n
-    for k, target in enumerate(targets):
-        for c in range(RELATIVE_PARAMETERS):
-            position[INTRINSICS + RELATIVE_PARAMETERS * k + c] = INTRINSICS + RELATIVE_PARAMETERS * target + c
-    for i in range(used):
-        for j in range(i, used):
-            system[position[i], position[j]] -= product[i, j]
-            if i != j:
-                system[position[j], position[i]] -= product[i, j]
-
-
-@kernel
-def relative_from_absolute(host: int, n: int, pairs: PairGeometry) -> np.ndarray:
-    """Derivative of (intrinsics, relative parameters of a host) by (intrinsics, keyframes), (4 + 8 n, same) float64.
-
-    With left increments the relative motion moves by d_target - Ad(T_target_host) d_host. The columns for gain and
-    offset were I_host - b_host and 1; d r / d (a, b) is -gain and -1 times those for the target, +gain for the host.
-    """
-    size = INTRINSICS + FRAME_PARAMETERS * n
-    result = np.zeros((size, size))
-    for i in range(INTRINSICS):
-        result[i, i] = 1.0
-    h = INTRINSICS + FRAME_PARAMETERS * host
-    for target in range(n):
-        if target == host:
-            continue
-        t = INTRINSICS + FRAME_PARAMETERS * target
-        gain = np.float64(pairs.gain_eval[host, target])
-        for i in range(6):
-            result[t + i, t + i] = 1.0
-            for j in range(6):
-                result[t + i, h + j] = -pairs.adjoint_eval[host, target, i, j]
-        result[t + 6, t + 6], result[t + 7, t + 7] = -gain, -1.0
-        result[t + 6, h + 6], result[t + 7, h + 7] = gain, gain
-    return result
-
-
-@kernel
 def linearize_window(
     n: int, ranges: np.ndarray, points: PointArrays, residuals: ResidualArrays, keyframes: KeyframeArrays,
     pairs: PairGeometry, images: np.ndarray, width: int, height: int, intrinsics: np.ndarray,
@@ -261,38 +205,15 @@ def linearize_window(
         )  # fmt: skip
         energy += host_energy
         count += host_count
-        subtract_schur(host, n, first, last, points, residuals.idepth_relative, scratch, system)
-        B = relative_from_absolute(host, n, pairs)
-        H += B.T @ np.ascontiguousarray(system[:end, :end]) @ B
-        b += B.T @ np.ascontiguousarray(system[:end, end])
+        subtract_schur(
+            host, n, first, last, points, residuals.idepth_relative, scratch.depth_rows, scratch.scaled_rows, system
+        )
+        add_absolute(host, n, pairs, system, H, b)
     return energy, count
 
 
-@kernel
-def idepth_steps(
-    n: int, ranges: np.ndarray, points: PointArrays, residuals: ResidualArrays, pairs: PairGeometry, step: np.ndarray
-) -> np.ndarray:
-    """Back substitution: the step of every inverse depth, (count,) float32, for a step of (intrinsics, keyframes)."""
-    result = np.zeros(ranges[n], np.float32)
-    for host in range(n):
-        first, last = ranges[host], ranges[host + 1]
-        relative = (relative_from_absolute(host, n, pairs) @ step).astype(np.float32)
-        total = points.idepth_gradient[first:last].copy()
-        for c in range(INTRINSICS):
-            total += points.idepth_intrinsics[c, first:last] * relative[c]
-        for target in range(n):
-            if target != host:
-                for c in range(RELATIVE_PARAMETERS):
-                    change = relative[INTRINSICS + RELATIVE_PARAMETERS * target + c]
-                    total += residuals.idepth_relative[target, c, first:last] * change
-        for i in range(last - first):
-            hessian = points.idepth_hessian[first + i]
-            result[first + i] = -total[i] / hessian if hessian > MIN_IDEPTH_HESSIAN else np.float32(0)
-    return result
-
-
 class Linearization:
-    """The window's photometric energy, quadratic around the current estimate.
+    """The photometric energy of points, quadratic around the current estimate of the window.
 
     Attributes:
         H, b: (4 + 8 n,) float64 normal equations with the inverse depths eliminated, H x = -b.
@@ -304,15 +225,15 @@ class Linearization:
         self.H, self.b = np.zeros((0, 0)), np.zeros(0)
         self.energy, self.count = 0.0, 0
 
-    def update(self, window: KeyframeWindow) -> None:
-        """Linearise the live residuals at the window's estimate."""
+    def update(self, window: KeyframeWindow, points: PointTable) -> None:
+        """Linearise the live residuals of points at the window's estimate."""
         n = window.count
-        self._ranges = window.points.host_ranges(n)
+        self._ranges = points.host_ranges(n)
         self._pairs = pair_geometry(window.keyframes, n, window.intrinsics)
         size = INTRINSICS + FRAME_PARAMETERS * n
         self.H, self.b = np.empty((size, size)), np.empty(size)
         self.energy, self.count = linearize_window(
-            n, self._ranges, window.points.arrays, window.points.residuals, window.keyframes, self._pairs,
+            n, self._ranges, points.arrays, points.residuals, window.keyframes, self._pairs,
             window.pool.buffers, window.width, window.height, window.intrinsics.astype(np.float32),
             self._scratch, self.H, self.b,
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """Active points: pixels of keyframes with an inverse depth that the bundle adjustment refines, and their residuals."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -127,11 +127,26 @@ class PointTable:
         self.keep(self.arrays.host[: self.count] != slot)
         host = self.arrays.host[: self.count]
         host[host > slot] -= 1
-        for array in self.residuals:
+        for array in (self.residuals.live, self.residuals.state, self.residuals.energy):
             array[slot:-1] = array[slot + 1 :]
         self.residuals.live[-1], self.residuals.state[-1] = 0, NONE
 
+    def copy_from(self, other: "PointTable", mask: np.ndarray) -> None:
+        """Become a copy of those points of another table of the same size whose mask, (count,) bool, is True."""
+        self._take(other, np.flatnonzero(mask))
+
     def _reorder(self, indices: np.ndarray) -> None:
-        for array in (*self.arrays, *self.residuals):
-            array[..., : indices.size] = array[..., indices]
+        self._take(self, indices)
+
+    def _take(self, source: "PointTable", indices: np.ndarray) -> None:
+        for array, values in zip(self._lasting(), source._lasting()):
+            array[..., : indices.size] = values[..., indices]
         self.count = indices.size
+
+    def _lasting(self) -> Tuple[np.ndarray, ...]:
+        """What outlives a linearisation; the rest is written anew by the next one."""
+        points, residuals = self.arrays, self.residuals
+        return (
+            points.u, points.v, points.kind, points.grey, points.weight, points.idepth, points.idepth_hessian,
+            points.host, points.good_residuals, residuals.live, residuals.state, residuals.energy,
+        )  # fmt: skip

@@ -20,7 +20,9 @@ MIN_REFINEMENT = 0.1  # pixels
 OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 1.2
 SECOND_BEST_RADIUS = 2
 DEPTH_RATIO = (0.75, 1.5)
-TWO = np.float32(2)
+ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
+
+Point = Tuple[float, float, float]
 
 
 @kernel_noalias
@@ -29,13 +31,14 @@ def line_energies(
     expected: np.ndarray, pattern_x: np.ndarray, pattern_y: np.ndarray, energies: np.ndarray,
 ) -> None:  # fmt: skip
     """Huber energy of the pattern at (x0, y0) + s (step_x, step_y) for every s into energies[s]."""
-    energies[:] = np.float32(0)
-    for p in range(PATTERN_SIZE):
-        start_x, start_y, grey = x0 + pattern_x[p], y0 + pattern_y[p], expected[p]
-        for s in range(energies.size):
-            residual = sample(image, width, start_x + np.float32(s) * step_x, start_y + np.float32(s) * step_y) - grey
+    for s in range(energies.size):
+        x, y = x0 + np.float32(s) * step_x, y0 + np.float32(s) * step_y
+        energy = ZERO
+        for p in range(PATTERN_SIZE):
+            residual = sample(image, width, x + pattern_x[p], y + pattern_y[p]) - expected[p]
             weight = HUBER / max(abs(residual), HUBER)
-            energies[s] += weight * residual * residual * (TWO - weight)
+            energy += weight * residual * residual * (TWO - weight)
+        energies[s] = energy
 
 
 @kernel
@@ -58,20 +61,20 @@ def refine_along_line(
     expected: np.ndarray, pattern_x: np.ndarray, pattern_y: np.ndarray,
 ) -> Tuple[float, float, float]:  # fmt: skip
     """Gauss-Newton for the position along the line; returns (x, y, energy) of the best one seen."""
-    best_x, best_y, best_energy = x, y, np.inf
+    best_x, best_y, best_energy = x, y, np.float32(np.inf)
+    direction_x, direction_y = np.float32(line_x), np.float32(line_y)
     step = 0.0
     for _ in range(REFINEMENTS + 1):
-        H, b, energy = 1.0, 0.0, 0.0
+        H, b, energy = ONE, ZERO, ZERO
+        centre_x, centre_y = np.float32(x), np.float32(y)
         for p in range(PATTERN_SIZE):
-            value, grad_x, grad_y = sample_gradient(
-                image, width, np.float32(x + pattern_x[p]), np.float32(y + pattern_y[p])
-            )
+            value, grad_x, grad_y = sample_gradient(image, width, centre_x + pattern_x[p], centre_y + pattern_y[p])
             residual = value - expected[p]
-            derivative = line_x * grad_x + line_y * grad_y
+            derivative = direction_x * grad_x + direction_y * grad_y
             weight = HUBER / max(abs(residual), HUBER)
             H += weight * derivative * derivative
             b += weight * residual * derivative
-            energy += weight * residual * residual * (2.0 - weight)
+            energy += weight * residual * residual * (TWO - weight)
         if energy < best_energy:
             best_x, best_y, best_energy = x, y, energy
             step = min(max(-b / H, -0.5), 0.5)
@@ -92,7 +95,7 @@ def inside(x: float, y: float, width: int, height: int) -> bool:
 
 @kernel
 def epipolar_segment(
-    projected: np.ndarray, Kt: np.ndarray, idepth_min: float, idepth_max: float, max_search: float
+    projected: Point, Kt: np.ndarray, idepth_min: float, idepth_max: float, max_search: float
 ) -> Tuple[float, float, float, float, float]:
     """Where the interval of inverse depth projects: start (x, y), direction of growing idepth, and length in pixels."""
     z = projected[2] + Kt[2] * idepth_min
@@ -111,7 +114,7 @@ def epipolar_segment(
 
 
 @kernel
-def idepth_at(projected: np.ndarray, Kt: np.ndarray, x: float, y: float, line_x: float, line_y: float) -> float:
+def idepth_at(projected: Point, Kt: np.ndarray, x: float, y: float, line_x: float, line_y: float) -> float:
     """Inverse depth in the host of the point that projects to (x, y); uses the better conditioned coordinate."""
     if line_x * line_x > line_y * line_y:
         return (projected[2] * x - projected[0]) / (Kt[0] - Kt[2] * x)
@@ -126,7 +129,11 @@ def trace_one(
 ) -> int:  # fmt: skip
     """Narrow the interval of candidate i; returns its new status. The last four arguments are scratch memory."""
     u, v = candidates.u[i], candidates.v[i]
-    projected = KRKi @ np.array([np.float64(u), np.float64(v), 1.0])
+    projected = (
+        KRKi[0, 0] * u + KRKi[0, 1] * v + KRKi[0, 2],
+        KRKi[1, 0] * u + KRKi[1, 1] * v + KRKi[1, 2],
+        KRKi[2, 0] * u + KRKi[2, 1] * v + KRKi[2, 2],
+    )
     idepth_min, idepth_max = np.float64(candidates.idepth_min[i]), np.float64(candidates.idepth_max[i])
     bounded = not math.isnan(idepth_max)
     ratio = projected[2] + Kt[2] * idepth_min

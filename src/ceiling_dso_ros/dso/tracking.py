@@ -13,7 +13,7 @@ from ceiling_dso_ros.dso.tracking_kernels import align, mean_squared_flow
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 
 ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
-MIN_STEP = 1e-3
+MIN_STEP = 0.1  # pixels of the level, at the image's centre
 MAX_SATURATED = 0.6  # share of points above the cutoff beyond which the cutoff is doubled
 MAX_CUTOFF_GROWTH = 50.0
 LOST_SATURATED = 0.8  # share on the finest level beyond which nothing was found
@@ -116,12 +116,14 @@ class FrameTracker:
         for level in range(self._pool.shape.levels - 1, -1, -1):
             points = reference.levels[level]
             width, height = self._pool.shape.sizes[level]
+            intrinsics = level_intrinsics(reference.intrinsics, level)
             cutoff = self._config.cutoff
             for _ in range(2):
                 T, ab, rmse, saturated = align(
                     points.u, points.v, points.idepth, points.grey,
-                    self._pool.level(image_slot, level), width, height, level_intrinsics(reference.intrinsics, level),
-                    T, ab, reference.affine, ratio, self._prior, cutoff, ITERATIONS[level], MIN_STEP, self._system,
+                    self._pool.level(image_slot, level), width, height, intrinsics,
+                    T, ab, reference.affine, ratio, self._prior, cutoff, ITERATIONS[level], MIN_STEP / intrinsics[0],
+                    self._system,
                 )  # fmt: skip
                 if saturated <= MAX_SATURATED or not np.isfinite(rmse):
                     break

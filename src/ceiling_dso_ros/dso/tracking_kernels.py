@@ -166,6 +166,13 @@ def accumulate(
 
 
 @kernel
+def step_size(step: np.ndarray) -> float:
+    """Size of a step (translation, rotation, a, b) as an angle: brightness matters far less for what follows."""
+    a, b = 0.1 * step[6], 0.001 * step[7]
+    return math.sqrt((step[:6] * step[:6]).sum() + a * a + b * b)
+
+
+@kernel
 def align(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray,
     image: np.ndarray, width: int, height: int, intrinsics: np.ndarray,
@@ -181,7 +188,7 @@ def align(
         exposure_ratio: exposure of the frame over that of the reference.
         prior: (2,) information per point on a and b, which keeps them near the reference's.
         max_iterations: at most so many steps.
-        min_step: smaller steps end the iteration.
+        min_step: steps of a smaller `step_size` end the iteration.
         system: (9, 9) float64 output, normal equations at the result.
 
     Returns:
@@ -221,7 +228,7 @@ def align(
             damping *= 0.5
         else:
             damping = max(4.0 * damping, 0.01)
-        if (step * step).sum() < min_step * min_step:
+        if step_size(step) < min_step:
             break
     return T, ab, math.sqrt(energy / in_view), saturated / in_view
 

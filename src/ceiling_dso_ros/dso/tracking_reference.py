@@ -50,50 +50,80 @@ class TrackingReference:
 @kernel
 def splat(
     x: np.ndarray, y: np.ndarray, idepth: np.ndarray, weight: np.ndarray, width: int, height: int,
-    idepth_sum: np.ndarray, weight_sum: np.ndarray,
-) -> None:  # fmt: skip
-    """Add weighted inverse depths at their nearest pixels; flat maps."""
+    idepth_sum: np.ndarray, weight_sum: np.ndarray, pixels: np.ndarray,
+) -> int:  # fmt: skip
+    """Add weighted inverse depths at their nearest pixels; flat maps. Lists the pixels hit, and returns their number."""
+    count = 0
     for i in range(x.size):
         column, row = int(x[i] + np.float32(0.5)), int(y[i] + np.float32(0.5))
         if BORDER <= column < width - BORDER and BORDER <= row < height - BORDER:
-            idepth_sum[row * width + column] += weight[i] * idepth[i]
-            weight_sum[row * width + column] += weight[i]
+            p = row * width + column
+            if weight_sum[p] == 0:
+                pixels[count] = p
+                count += 1
+            idepth_sum[p] += weight[i] * idepth[i]
+            weight_sum[p] += weight[i]
+    return count
 
 
 @kernel
-def sum_down(fine: np.ndarray, fine_width: int, width: int, height: int, coarse: np.ndarray) -> None:
-    """Sum 2x2 pixels into one; flat maps."""
-    for y in range(height):
-        for x in range(width):
-            p = 2 * y * fine_width + 2 * x
-            coarse[y * width + x] = fine[p] + fine[p + 1] + fine[p + fine_width] + fine[p + fine_width + 1]
+def sum_down(
+    pixels: np.ndarray, fine_idepth: np.ndarray, fine_weight: np.ndarray, fine_width: int, width: int, height: int,
+    idepth_sum: np.ndarray, weight_sum: np.ndarray, coarse_pixels: np.ndarray,
+) -> int:  # fmt: skip
+    """Sum the listed pixels of a map into those of the next coarser level; lists them, and returns their number."""
+    count = 0
+    for fine in pixels:
+        row, column = fine // fine_width // 2, fine % fine_width // 2
+        if row < height and column < width:
+            p = row * width + column
+            if weight_sum[p] == 0:
+                coarse_pixels[count] = p
+                count += 1
+            idepth_sum[p] += fine_idepth[fine]
+            weight_sum[p] += fine_weight[fine]
+    return count
 
 
 @kernel
 def collect(
-    idepth_sum: np.ndarray, weight_sum: np.ndarray, image: np.ndarray, width: int, height: int, diagonal: bool,
-    u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray,
+    pixels: np.ndarray, idepth_sum: np.ndarray, weight_sum: np.ndarray, image: np.ndarray, width: int, height: int,
+    diagonal: bool, seen: np.ndarray, u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray,
 ) -> int:  # fmt: skip
     """List the pixels with depth, and the empty ones next to them with the mean of their neighbours'.
 
-    Returns the number of points; the last four arrays are filled so far.
+    Args:
+        pixels: those with depth.
+        seen: flat uint8 map, zero before and after.
+        u, v, idepth, grey: outputs.
+
+    Returns:
+        The number of points.
     """
     if diagonal:
-        neighbours = np.array([-width - 1, -width + 1, width - 1, width + 1])
+        neighbours = np.array([0, -width - 1, -width + 1, width - 1, width + 1])
     else:
-        neighbours = np.array([-1, 1, -width, width])
+        neighbours = np.array([0, -1, 1, -width, width])
     count = 0
-    for y in range(BORDER, height - BORDER):
-        for x in range(BORDER, width - BORDER):
-            p = y * width + x
+    for k in range(neighbours.size):
+        for centre in pixels:
+            p = centre + neighbours[k]
+            row, column = p // width, p % width
+            if seen[p] or not (BORDER <= column < width - BORDER and BORDER <= row < height - BORDER):
+                continue
+            seen[p] = 1
             total, weight = idepth_sum[p], weight_sum[p]
-            if weight == 0:
-                for k in range(4):
-                    total += idepth_sum[p + neighbours[k]]
-                    weight += weight_sum[p + neighbours[k]]
-            if weight > 0 and total > 0:
-                u[count], v[count], idepth[count], grey[count] = x, y, total / weight, image[p]
+            if k > 0:
+                total = weight = np.float32(0)
+                for other in range(1, 5):
+                    total += idepth_sum[p + neighbours[other]]
+                    weight += weight_sum[p + neighbours[other]]
+            if total > 0:
+                u[count], v[count], idepth[count], grey[count] = column, row, total / weight, image[p]
                 count += 1
+    for k in range(neighbours.size):
+        for centre in pixels:
+            seen[centre + neighbours[k]] = 0
     return count
 
 
@@ -104,19 +134,27 @@ class ReferenceBuilder:
         self._shape = shape
         self._idepth = [np.zeros(w * h, np.float32) for w, h in shape.sizes]
         self._weight = [np.zeros(w * h, np.float32) for w, h in shape.sizes]
-        self._lists = np.zeros((4, shape.sizes[0][0] * shape.sizes[0][1]), np.float32)
+        size = shape.sizes[0][0] * shape.sizes[0][1]
+        self._seen = np.zeros(size, np.uint8)
+        self._lists = np.zeros((4, size), np.float32)
+        self._pixel_list = np.zeros(size, np.int64)
+        self._pixels = [np.zeros(0, np.int64)] * shape.levels  # those with depth, of each level
 
     def build(self, window: KeyframeWindow) -> TrackingReference:
         """The newest keyframe with the depth of all points that are inliers in it."""
         newest = window.newest
-        x, y, idepth, weight = self._visible_points(window)
+        for pixels, idepth_sum, weight_sum in zip(self._pixels, self._idepth, self._weight):
+            idepth_sum[pixels], weight_sum[pixels] = 0, 0
         width, height = self._shape.sizes[0]
-        self._idepth[0][:], self._weight[0][:] = 0, 0
-        splat(x, y, idepth, weight, width, height, self._idepth[0], self._weight[0])
+        count = splat(*self._visible_points(window), width, height, self._idepth[0], self._weight[0], self._pixel_list)
+        self._pixels[0] = np.sort(self._pixel_list[:count])  # memory order is quicker to sample
         for level in range(1, self._shape.levels):
-            fine_width = self._shape.sizes[level - 1][0]
-            for maps in (self._idepth, self._weight):
-                sum_down(maps[level - 1], fine_width, *self._shape.sizes[level], maps[level])
+            fine = level - 1
+            count = sum_down(
+                self._pixels[fine], self._idepth[fine], self._weight[fine], self._shape.sizes[fine][0],
+                *self._shape.sizes[level], self._idepth[level], self._weight[level], self._pixel_list,
+            )  # fmt: skip
+            self._pixels[level] = np.sort(self._pixel_list[:count])
         image_slot = int(window.keyframes.image_slot[newest])
         return TrackingReference(
             keyframe_id=window.ids[newest],
@@ -155,6 +193,7 @@ class ReferenceBuilder:
     def _level(self, level: int, image: np.ndarray) -> ReferenceLevel:
         width, height = self._shape.sizes[level]
         count = collect(
-            self._idepth[level], self._weight[level], image, width, height, level < DIAGONAL_LEVELS, *self._lists
-        )
+            self._pixels[level], self._idepth[level], self._weight[level], image, width, height,
+            level < DIAGONAL_LEVELS, self._seen, *self._lists,
+        )  # fmt: skip
         return ReferenceLevel(*(row[:count].copy() for row in self._lists))
