@@ -58,7 +58,7 @@ def project(
 
 
 class DepthSums(NamedTuple):
-    """Per candidate, float32: energy, Hessian and gradient of its inverse depth; in_bounds is 1 while all is in view."""
+    """Per candidate, float32: energy, Hessian and gradient of its inverse depth; in_bounds 1 while all is in view."""
 
     energy: np.ndarray
     hessian: np.ndarray

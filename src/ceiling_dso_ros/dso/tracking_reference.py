@@ -52,7 +52,7 @@ def splat(
     x: np.ndarray, y: np.ndarray, idepth: np.ndarray, weight: np.ndarray, width: int, height: int,
     idepth_sum: np.ndarray, weight_sum: np.ndarray, pixels: np.ndarray,
 ) -> int:  # fmt: skip
-    """Add weighted inverse depths at their nearest pixels; flat maps. Lists the pixels hit, and returns their number."""
+    """Add weighted inverse depths at their nearest pixels; flat maps. Lists the pixels hit; returns their number."""
     count = 0
     for i in range(x.size):
         column, row = int(x[i] + np.float32(0.5)), int(y[i] + np.float32(0.5))
