@@ -15,6 +15,7 @@ import pytest
 
 from ceiling_dso_ros import dso
 from ceiling_dso_ros.cli.main import main
+from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
@@ -22,7 +23,7 @@ from ceiling_dso_ros.settings import load_settings
 
 FRAMES = 40
 TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
-FUSED = {"wheel.tum", "fused.tum", "fused_smoothed.tum"}
+FUSED = {"wheel.tum", "fused.tum", "fused_smoothed.tum", "fusion.yaml"}
 OUTPUTS = {*TRAJECTORIES, "timing.csv", "config.yaml", "summary.json"}
 IMAGE = "/camera/up/image_raw"
 
@@ -102,6 +103,18 @@ def test_with_wheels_it_fuses_and_twice_gives_the_same_bytes(wheeled_folder, com
     assert len(read_tum(tmp_path / "first" / "fused_smoothed.tum")) == summary["keyframes"]
     way_m = read_tum(tmp_path / "first" / "wheel.tum").positions[-1]
     np.testing.assert_allclose(way_m, [39 * 52 / 4096 * 2 * np.pi * 0.1, 0, 0], atol=1e-6)
+
+
+def test_settings_of_the_fusion(wheeled_folder, command, tmp_path):
+    fixed = ("--set", "fusion.graph.window=30", "--set", "window.active_points=300")
+    assert command("run", wheeled_folder, "--out", tmp_path / "set", *fixed).returncode == 0
+    again = tmp_path / "set" / "fusion.yaml"
+    assert load_settings(again, [], FusionConfig).graph.window == 30
+    assert load_settings(tmp_path / "set" / "config.yaml").window.active_points == 300
+    assert command("run", wheeled_folder, "--out", tmp_path / "file", "--fusion-config", again).returncode == 0
+    assert (tmp_path / "file" / "fusion.yaml").read_bytes() == again.read_bytes()
+    wrong = command("run", wheeled_folder, "--out", tmp_path / "wrong", "--set", "fusion.graph.window=3")
+    assert_refused(wrong, "graph.window")
 
 
 def test_wheels_of_an_unknown_robot_are_not_fused(wheeled_folder, command, tmp_path):

@@ -9,7 +9,10 @@ from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.evaluation.fusing import FusionPlayback
+    from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.recording import Recording
+
+FUSION_PREFIX = "fusion."  # of the fusion's settings among all
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -18,8 +21,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "run",
         help="from a recording to trajectories",
         description="Track the camera of a recording; writes camera.tum, camera_final.tum, keyframes.tum, timing.csv, "
-        "config.yaml and summary.json into DIR, and where the recording has wheels wheel.tum, fused.tum and "
-        "fused_smoothed.tum, also when it is interrupted.",
+        "config.yaml and summary.json into DIR, and where the recording has wheels wheel.tum, fused.tum, "
+        "fused_smoothed.tum and fusion.yaml, also when it is interrupted.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go; made if missing")
@@ -30,12 +33,15 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--exposure-topic", metavar="TOPIC", help="of a bag (default beside the images)")
     parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
     parser.add_argument(
+        "--fusion-config", metavar="FILE.yaml", type=Path, help="settings of the fusion; a run's fusion.yaml is one"
+    )
+    parser.add_argument(
         "--set",
         metavar="key=value",
         dest="overrides",
         action="append",
         default=[],
-        help="one setting, as in window.max_keyframes=5; may be repeated",
+        help="one setting, as in window.max_keyframes=5 or fusion.graph.window=30; may be repeated",
     )
     parser.set_defaults(execute=execute)
 
@@ -50,15 +56,22 @@ def execute(options: argparse.Namespace) -> None:
 
     from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.evaluation.playback import Playback
+    from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.settings import load_settings, write_settings
 
-    config = load_settings(options.config, options.overrides)
+    of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
+    config = load_settings(options.config, [text for text in options.overrides if text not in of_fusion])
+    fusion_config = load_settings(
+        options.fusion_config, [text[len(FUSION_PREFIX) :] for text in of_fusion], FusionConfig
+    )
     recording = _open_recording(options)
-    fusion = _fusion(recording)
+    fusion = _fusion(recording, fusion_config)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         write_settings(options.out / "config.yaml", config)
+        if fusion is not None:
+            write_settings(options.out / "fusion.yaml", fusion_config)
     except OSError as error:
         raise InputError(f"{options.out}: cannot write there: {error.strerror}; choose another --out") from error
 
@@ -101,7 +114,7 @@ def _open_recording(options: argparse.Namespace) -> "Recording":
     )
 
 
-def _fusion(recording: "Recording") -> Optional["FusionPlayback"]:
+def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionPlayback"]:
     """None where there is nothing to fuse; a wrong robot.yaml shall be known before the run, not after it."""
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.evaluation.fusing import FusionPlayback, robot_model
@@ -113,7 +126,7 @@ def _fusion(recording: "Recording") -> Optional["FusionPlayback"]:
         _warn(f"{recording.path}: the wheels are not used, since the robot's dimensions are unknown; give --robot")
         return None
     try:
-        return FusionPlayback(wheels, robot_model(robot))
+        return FusionPlayback(wheels, robot_model(robot), config)
     except ConfigError as error:
         raise InputError(f"{recording.path}: {error}") from error
 
