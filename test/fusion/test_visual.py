@@ -41,6 +41,15 @@ def test_a_nod_of_the_base_is_not_taken_for_a_motion():
     assert np.abs(ignored - motion[:2]).max() > 1e-3
 
 
+@pytest.mark.parametrize(
+    ("motion", "possible"),
+    [((0.3, 0.03, 0.2), True), ((0.3, 0.1, 0.2), False), ((0.0, 0.05, 0.0), False), ((-0.3, 0.03, -0.2), True)],
+)
+def test_wheels_hardly_move_sideways(motion, possible):
+    assert seen(motion).on_floor(VisualConfig())
+    assert seen(motion).on_wheels(SCALE, VisualConfig()) == possible
+
+
 @pytest.mark.parametrize("wobble", [{"tilt": (0.05, 0.0)}, {"climb_m": 0.2}])
 def test_tilting_or_climbing_is_no_motion_on_a_floor(wobble):
     assert not seen((0.15, 0.0, 0.05), **wobble).on_floor(VisualConfig())

@@ -126,8 +126,13 @@ class KeyframeBackend:
 
     def _on_floor(self, T: Optional[np.ndarray]) -> Optional[VisualMotion]:
         """The camera's motion as that of the robot; None when there is none or a robot on a floor cannot move so."""
-        visual = None if T is None else VisualMotion.from_camera(T, self._T_base_camera)
-        return visual if visual is not None and visual.on_floor(self._config.visual) else None
+        if T is None:
+            return None
+        visual, config = VisualMotion.from_camera(T, self._T_base_camera), self._config.visual
+        possible = visual.on_floor(config)
+        if possible and self.scale_known:
+            possible = visual.on_wheels(math.exp(self.estimate.log_scale), config)
+        return visual if possible else None
 
     def _judged(self, interval: Interval) -> Interval:
         """The interval with the wheels believed or not."""

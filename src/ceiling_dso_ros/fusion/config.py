@@ -91,7 +91,8 @@ class VisualConfig:
     yaw_sigma_rad: float = 2e-4
     robust_threshold: float = 4.0  # in sigmas: beyond it the influence of a measurement no longer grows (Huber)
     tilt_limit_rad: float = 0.03  # a step that tilts the robot more is no motion on a floor and is not used
-    climb_limit: float = 0.02  # nor one that lifts it more, units
+    stray_limit: float = 0.005  # nor one that lifts it or moves it sideways by more, units
+    stray_share: float = 0.1  # and this share of its way, since no mounting is known exactly
     silence_s: float = 1.0  # without a tracked frame for so long the camera counts as silent
 
     def check(self) -> None:
@@ -103,7 +104,8 @@ class VisualConfig:
             yaw_sigma_rad=(1e-7, 0.1),
             robust_threshold=(1.0, 100.0),
             tilt_limit_rad=(0.001, 1.0),
-            climb_limit=(0.001, 1.0),
+            stray_limit=(0.001, 1.0),
+            stray_share=(0.0, 1.0),
             silence_s=(0.05, 10.0),
         )
 

@@ -38,7 +38,17 @@ class VisualMotion:
 
     def on_floor(self, config: VisualConfig) -> bool:
         """Whether a robot on a floor can have moved so."""
-        return bool(np.hypot(*self.tilt) < config.tilt_limit_rad and abs(self.climb) < config.climb_limit)
+        return bool(np.hypot(*self.tilt) < config.tilt_limit_rad and abs(self.climb) < self._stray_limit(config))
+
+    def on_wheels(self, scale: float, config: VisualConfig) -> bool:
+        """Whether its wheels can have moved it so, along about an arc; scale is metres per unit."""
+        forward, left, turn = self.base_motion(scale)
+        sideways = left * math.cos(0.5 * turn) - forward * math.sin(0.5 * turn)
+        return abs(sideways) < scale * self._stray_limit(config)
+
+    def _stray_limit(self, config: VisualConfig) -> float:
+        """Units."""
+        return config.stray_limit + config.stray_share * float(np.hypot(*self.shift))
 
     def lever_shift(self, yaw: float) -> np.ndarray:
         """(2,) metres that the camera moves when the base turns on the spot by yaw and tilts as measured.
