@@ -115,7 +115,7 @@ class DsoServer:
         if calibration_file is not None:
             self._calibration = read_camera_file(calibration_file)
             self._calibrated.set()
-        warm_up()
+        load_kernels()
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
         self._offer_services()
         diagnostics.Diagnostics(self._report, "camera")
@@ -289,3 +289,15 @@ class DsoServer:
         report.add("active points", str(status.active_points))
         report.add("segment", str(status.segment))
         return report
+
+
+def load_kernels() -> None:
+    """Have all kernels ready before the first image; returns early when the node is shut down.
+
+    They are compiled when the package runs for the first time, which takes a minute or two.
+    """
+    rospy.loginfo("loading the kernels; the first start compiles them, which takes a minute or two")
+    work = threading.Thread(target=warm_up, daemon=True)
+    work.start()
+    while work.is_alive() and not rospy.is_shutdown():
+        work.join(0.1)
