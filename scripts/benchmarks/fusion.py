@@ -1,7 +1,7 @@
 """The fusion against its limits, on drives under the simulator's factory roof and on the shared recordings.
 
-The wheels' mean radius is exact, their ratio and the wheel base are 1 % wrong, each wheel errs by 2 mm after 1 m (but to
-calibrate, when a minute would not be enough, as little as the simulator's do by default).
+The wheels' mean radius is exact, their ratio and the wheel base are 1 % wrong, each wheel errs by 2 mm after 1 m. To
+calibrate it errs as little as the simulator's do by default: of noisier ones a minute does not tell the base well.
 Tracking the images takes most of an hour the first time; what the odometry said of them stays in the folder.
 """
 
