@@ -1,0 +1,22 @@
+import numpy as np
+
+from ceiling_dso_ros.fusion.state import FusedState, FusionState, ScaleState
+from ceiling_dso_ros.ros.fused_record import FusedRecord
+
+
+def test_trajectories_hold_every_output():
+    record = FusedRecord()
+    scale = ScaleState(1.0, 0.1, True, 0)
+    for index in range(3):
+        pose = np.array([index, 0.0, 0.5])
+        state = FusedState(float(index), pose, np.eye(3), np.zeros(2), np.eye(2), FusionState.CONVERGED, (), scale)
+        record.add(state, pose + 1.0)
+    trajectories = record.trajectories([])
+    assert trajectories["fused"].positions[:, 0].tolist() == [0.0, 1.0, 2.0]
+    assert trajectories["wheel"].positions[:, 1].tolist() == [1.0, 1.0, 1.0]
+    assert trajectories["fused"].stamps_s.tolist() == [0.0, 1.0, 2.0]
+    assert len(trajectories["fused_smoothed"]) == 0
+
+
+def test_nothing_yet():
+    assert [len(trajectory) for trajectory in FusedRecord().trajectories([]).values()] == [0, 0, 0]
