@@ -12,12 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List
 
-import fusion_simulated
 import numpy as np
-from drives import Kept, Statuses
-from fused_run import FusedRun
 from scipy.spatial.transform import Rotation
-from table import Row, report
+from support import fusion_simulated
+from support.drives import Kept, Statuses, is_missing
+from support.fused_run import FusedRun
+from support.table import Row, report
 
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.evaluation.fusing import robot_model
@@ -119,6 +119,8 @@ def _share_told(run: FusedRun, start_s: float, end_s: float) -> float:
 def ceiling_loops(kept: Kept, _: int) -> Iterator[Row]:
     """The shared rendered recording, whose true radii are larger than the nominal ones."""
     folder = DATA / "ceiling_loops"
+    if is_missing(folder):
+        return
     recording = open_recording(folder)
     camera, base = read_tum(folder / "groundtruth.tum"), read_tum(folder / "groundtruth_base.tum")
     run = FusedRun(recording, kept.statuses(recording, folder.name), camera, base)

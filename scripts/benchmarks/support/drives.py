@@ -53,6 +53,13 @@ class Kept:
         return SimulatedRecording(config), tuple(late) if config.time_offset_s else statuses
 
 
+def is_missing(folder: Path) -> bool:
+    """Whether a shared recording is not there; says so."""
+    if not folder.is_dir():
+        print(f"{folder} is missing, skipped: set CEILING_DSO_DATA to the folder of the recordings", file=sys.stderr)
+    return not folder.is_dir()
+
+
 def _track(recording: Recording, name: str) -> Statuses:
     preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
     odometry = DirectOdometry(recording.calibration.camera)
