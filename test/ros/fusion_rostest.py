@@ -32,8 +32,8 @@ from std_srvs.srv import Trigger
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.io.trajectory import read_tum
-from ceiling_dso_ros.msg import FusionStatus, VisualOdometryStatus
-from ceiling_dso_ros.ros.conversions import matrix_from_transform
+from ceiling_dso_ros.msg import FusionStatus, MotionPrediction, VisualOdometryStatus
+from ceiling_dso_ros.ros.conversions import matrix_from_pose, matrix_from_transform
 from ceiling_dso_ros.srv import SaveTrajectory, SetPose
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -123,6 +123,14 @@ class Fusion(unittest.TestCase):
         self.assertAlmostEqual(found.transform.rotation.z, message.pose.pose.orientation.z, places=9)
         authorities = parents("base_link")
         self.assertEqual(authorities, {("odom", "/fusion_node")})
+
+    def test_motion_prediction_is_the_motion_of_the_camera(self):
+        message = rospy.wait_for_message("fusion/motion_prediction", MotionPrediction, 30.0)
+        start, end = (self.robot.pose(stamp.to_sec()) for stamp in (message.start, message.header.stamp))
+        expected = planar.lift(planar.between(start, end))
+        expected[:3, 3] /= SCALE_M
+        np.testing.assert_allclose(matrix_from_pose(message.motion), expected, atol=2e-3)
+        self.assertGreater((message.header.stamp - message.start).to_sec(), 0.0)
 
     def test_camera_silent_for_three_seconds(self):
         before = self.recent(0.1)[-1]
@@ -243,7 +251,7 @@ class Fusion(unittest.TestCase):
         resets = self.listener.statuses[-1].resets
         self.robot.shift_s -= 100.0
         wait_until(lambda: self.listener.statuses[-1].resets == resets + 1, "no reset")
-        self.assertLess(np.linalg.norm(xy_yaw(self.listener.poses[-1])[:2]), 0.5)
+        wait_until(lambda: np.hypot(*xy_yaw(self.listener.poses[-1])[:2]) < 0.5, "the pose does not begin at zero")
         wait_until(lambda: self.listener.scales[-1].converged, "the scale is not found again")
         self.assertEqual(self.listener.statuses[-1].resets, resets + 1)
         self.robot.shift_s += 100.0

@@ -13,7 +13,6 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
 from ceiling_dso_ros.dso.map_points import map_points
-from ceiling_dso_ros.dso.warmup import warm_up
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
@@ -24,8 +23,10 @@ from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.exposures import ExposureLookup
+from ceiling_dso_ros.ros.kernels import load_kernels
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
+from ceiling_dso_ros.ros.motion_predictions import MotionPredictions
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 
@@ -52,6 +53,7 @@ class DsoServer:
         image (sensor_msgs/Image, or image/compressed, sensor_msgs/CompressedImage): the newest wins.
         camera_info (sensor_msgs/CameraInfo): waited for unless ~calibration is given.
         exposure (ceiling_dso_ros/Exposure): optional, matched to the image by stamp.
+        fusion/motion_prediction (MotionPrediction): with ~motion_prediction.
 
     Publishes:
         visual_odometry/odometry (nav_msgs/Odometry): T_world_camera in VO units, never metres; the pose's variances are
@@ -74,6 +76,8 @@ class DsoServer:
         calibration: camera.txt in the TUM-mono layout, instead of camera_info; empty by default.
         rectified: images are those that P of camera_info describes, not K and D; false by default.
         settings: yaml file with settings of the odometry; empty by default.
+        motion_prediction: let the wheels predict the camera's motion; false by default, as then a bag gives the same
+            poses however fast the machine is.
         frame_id: world of the visual odometry; vo by default.
         camera_frame_id: optical frame of the camera; that of the images by default.
         silence: seconds without an image after which the diagnostics say so, 0.1 to 60; 0.5 by default.
@@ -94,6 +98,7 @@ class DsoServer:
         self._rectified = parameters.flag("rectified", False)
         self._keep = parameters.flag("keep_trajectory", True)
         self._trajectory_dir = parameters.output_folder("trajectory_dir")
+        predict = parameters.flag("motion_prediction", False)
         calibration_file = parameters.path("calibration")
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
@@ -116,6 +121,7 @@ class DsoServer:
             self._calibration = read_camera_file(calibration_file)
             self._calibrated.set()
         load_kernels()
+        self._predictions = MotionPredictions() if predict else None
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
         self._offer_services()
         diagnostics.Diagnostics(self._report, "camera")
@@ -206,10 +212,15 @@ class DsoServer:
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus.WAITING, waiting)
         image = self._preprocess(image_array(message))
+        last_stamp = self._last_stamp
         self._check_order(message.header.stamp)
         stamp_ns = message.header.stamp.to_nsec()
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
-        status = self._odometry.track(image, seconds(stamp_ns), self._exposures.at(stamp_ns, timeout_s))
+        exposure_ms = self._exposures.at(stamp_ns, timeout_s)
+        T_last_camera = None
+        if self._predictions is not None and last_stamp is not None:
+            T_last_camera = self._predictions.between(last_stamp, message.header.stamp, self._status.segment)
+        status = self._odometry.track(image, seconds(stamp_ns), exposure_ms, T_last_camera)
         if self._keep:
             self._recorder.add(status)
         camera_frame_id = self._camera_frame(message)
@@ -289,15 +300,3 @@ class DsoServer:
         report.add("active points", str(status.active_points))
         report.add("segment", str(status.segment))
         return report
-
-
-def load_kernels() -> None:
-    """Have all kernels ready before the first image; returns early when the node is shut down.
-
-    They are compiled when the package runs for the first time, which takes a minute or two.
-    """
-    rospy.loginfo("loading the kernels; the first start compiles them, which takes a minute or two")
-    work = threading.Thread(target=warm_up, daemon=True)
-    work.start()
-    while work.is_alive() and not rospy.is_shutdown():
-        work.join(0.1)

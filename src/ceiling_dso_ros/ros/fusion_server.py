@@ -205,7 +205,7 @@ class FusionServer:
     # Output
 
     def _publish(self, state: Optional[FusedState], start_s: float) -> None:
-        if state is None:
+        if state is None or rospy.is_shutdown():
             return
         self._state = state
         self._map.add_pose(state)

@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
+pytestmark = pytest.mark.ros
+
+from std_msgs.msg import Header  # noqa: E402
+
+from ceiling_dso_ros.dso import se3  # noqa: E402
+from ceiling_dso_ros.msg import MotionPrediction  # noqa: E402
+from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
+from ceiling_dso_ros.ros.motion_predictions import stretched  # noqa: E402
+
+TWIST = np.array([0.5, -0.1, 0.05, 0.01, 0.02, 0.3])  # a second
+
+
+def prediction(seconds=0.02):
+    motion = pose_from_matrix(se3.exp(seconds * TWIST))
+    return MotionPrediction(header=Header(stamp=ros_time(100.0 + seconds)), start=ros_time(100.0), motion=motion)
+
+
+@pytest.mark.parametrize("seconds", [0.01, 0.02, 0.05])
+def test_velocity_stays_the_same(seconds):
+    np.testing.assert_allclose(stretched(prediction(), 100.0 + seconds), se3.exp(seconds * TWIST), atol=1e-8)
+
+
+def test_far_ends_are_not_predicted():
+    assert stretched(prediction(), 100.5) is None
+    assert stretched(prediction(), 99.9) is None
+    assert stretched(prediction(seconds=0.0), 100.01) is None
+
+
+def test_garbage_is_not_used():
+    message = prediction()
+    message.motion.position.x = float("nan")
+    assert stretched(message, 100.02) is None
