@@ -217,10 +217,10 @@ class DsoServer:
         stamp_ns = message.header.stamp.to_nsec()
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
         exposure_ms = self._exposures.at(stamp_ns, timeout_s)
-        T_last_camera = None
+        known = {}
         if self._predictions is not None and last_stamp is not None:
-            T_last_camera = self._predictions.between(last_stamp, message.header.stamp, self._status.segment)
-        status = self._odometry.track(image, seconds(stamp_ns), exposure_ms, T_last_camera)
+            known["T_last_camera"] = self._predictions.between(last_stamp, message.header.stamp, self._status.segment)
+        status = self._odometry.track(image, seconds(stamp_ns), exposure_ms, **known)
         if self._keep:
             self._recorder.add(status)
         camera_frame_id = self._camera_frame(message)
