@@ -6,6 +6,8 @@ import signal
 import socket
 import subprocess
 import time
+import xmlrpc.client
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +80,13 @@ class Launched:
             return ""
         return answer.stdout.split("\n")[0]
 
+    def cpu_s(self, node):
+        """Seconds of processor time that a node has used so far."""
+        master = xmlrpc.client.ServerProxy(self.environment["ROS_MASTER_URI"])
+        pid = xmlrpc.client.ServerProxy(master.lookupNode("/test", node)[2]).getPid("/test")[2]
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
     def wait_for(self, field, value):
         deadline = time.monotonic() + PATIENCE_S
         while self.value(field) != value:
@@ -123,3 +132,19 @@ def test_bag_that_is_looped_starts_anew(bag, tmp_path):
     steps_s = np.diff(stamps_s)
     assert (steps_s < 0.0).sum() == 1
     assert steps_s.min() < -5.0
+
+
+def test_nothing_spins_while_the_clock_stands_still(bag, tmp_path):
+    launched = Launched(bag, tmp_path)
+    try:
+        launched.wait_for("/visual_odometry/status/state", "2")
+        pause = ["rosservice", "call", "/player/pause_playback", "true"]
+        subprocess.run(pause, env=launched.environment, check=True, timeout=PATIENCE_S, stdout=subprocess.DEVNULL)
+        time.sleep(1.0)  # what was under way
+        nodes = ("/dso_node", "/fusion_node", "/wheel_odometry_node")
+        before_s = [launched.cpu_s(node) for node in nodes]
+        time.sleep(2.0)
+        used_s = {node: launched.cpu_s(node) - before for node, before in zip(nodes, before_s)}
+        assert max(used_s.values()) < 1.0, used_s
+    finally:
+        launched.interrupt()
