@@ -14,6 +14,9 @@ import pytest
 
 pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
 
+from evo.tools import file_interface
+from rosbags.rosbag1 import Reader
+
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.io.bag_trajectories import read_trajectories
 from ceiling_dso_ros.io.bag_writer import BagWriter
@@ -35,10 +38,10 @@ SLOWLY = 0.2  # so that no image is dropped
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """Ten seconds of driving, with small images."""
+    """Eight seconds of driving, with small images."""
     path = tmp_path_factory.mktemp("drive") / "drive.bag"
     recording = SimulatedRecording(
-        SimulationConfig("loops", "factory", camera=CameraModel(width=424, height=240, fps=15.0), duration_s=10.0)
+        SimulationConfig("loops", "factory", camera=CameraModel(width=424, height=240, fps=15.0), duration_s=8.0)
     )
     write_files_beside(path, recording)
     with BagWriter(path) as writer:
@@ -111,6 +114,11 @@ def test_live_and_offline_agree(bag, tmp_path):
     assert len(first) > 0.95 * len(fused[0])
     apart_m = np.linalg.norm(fused[0].positions[first] - fused[1].positions[second], axis=1)
     assert apart_m.max() < 1e-3
+
+    for topic, poses in (("/odometry/filtered", fused[1]), ("/visual_odometry/pose", images[1])):
+        with Reader(launched.published) as reader:  # as `evo_traj bag` does
+            read = file_interface.read_bag_trajectory(reader, topic)
+        np.testing.assert_allclose(read.positions_xyz, poses.positions, atol=1e-9)
 
 
 def test_bag_that_is_looped_starts_anew(bag, tmp_path):
