@@ -162,6 +162,12 @@ def test_refinement_refuses_what_is_seen_nowhere():
     assert not inliers.any()
 
 
+def test_what_was_never_searched_is_not_activated():
+    window = with_candidates()
+    window.candidates.arrays.quality[:] = status.UNSEARCHED_QUALITY
+    assert Activator(window, 400, CONFIG).activate(window) == 0
+
+
 def test_activated_points_are_spread_and_right():
     window = with_candidates()
     before = window.candidates.count

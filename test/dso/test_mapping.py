@@ -87,13 +87,16 @@ def test_keyframes_keep_to_the_truth_and_to_the_size_of_the_window(scene):
 def test_frames_narrow_the_candidates(scene):
     scene.keyframe(1)
     candidates = scene.mapper.window.candidates
-    assert np.isnan(candidates.arrays.idepth_max[: candidates.count]).all()
+    a, n = candidates.arrays, candidates.count
+    true = SURFACE.idepth(se3.exp(STEP), a.u[:n], a.v[:n])
+    before = a.idepth_max[:n] - a.idepth_min[:n]
+    assert ((a.idepth_min[:n] < 0.5 * true) & (a.idepth_max[:n] > 2 * true)).all()  # well around the scene so far
     for k in (2, 3, 4):
         scene.mapper.trace(scene.frame(k))
-    a, n = candidates.arrays, candidates.count
     traced = np.isin(a.status[:n], (status.GOOD, status.SKIPPED, status.BAD_CONDITION)) & np.isfinite(a.idepth_max[:n])
+    traced &= a.quality[:n] < status.UNSEARCHED_QUALITY
     assert traced.mean() > 0.5
-    true = SURFACE.idepth(se3.exp(STEP), a.u[:n], a.v[:n])
+    assert np.median((a.idepth_max[:n] - a.idepth_min[:n])[traced] / before[traced]) < 0.2
     inside = (a.idepth_min[:n] <= true) & (true <= a.idepth_max[:n])
     assert inside[traced].mean() > 0.9
 

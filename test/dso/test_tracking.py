@@ -138,12 +138,16 @@ def test_impossible_brightness_is_no_frame(pool, reference):
 
 def test_hypotheses():
     T_last, T_step = se3.exp(np.array([0.1, 0.0, 0.02, 0, 0, 0.1])), se3.exp(np.array([0.03, 0.01, 0, 0, 0, 0.05]))
+    T_other = se3.exp(np.array([0.3, -0.1, 0.0, 0.0, 0.02, 0.1]))
     hypotheses = list(motion_hypotheses(T_last, T_step))
     half = se3.exp(0.5 * se3.log(T_step))
     for ours, expected in zip(
         hypotheses, (T_step @ T_last, T_step @ T_step @ T_last, half @ T_last, T_last, np.eye(4))
     ):
         np.testing.assert_allclose(ours, expected, atol=1e-12)
+    predicted = list(motion_hypotheses(T_last, T_step, np.linalg.inv(T_other)))
+    np.testing.assert_allclose(predicted[0], T_other @ T_last, atol=1e-12)
+    np.testing.assert_array_equal(predicted[1:], hypotheses)
     turned = hypotheses[5:]
     assert len(turned) == 26
     angles = np.array([se3.log(T @ np.linalg.inv(T_step @ T_last))[3:] for T in turned])

@@ -71,7 +71,8 @@ class Activator:
             candidates.status[:count], (status.GOOD, status.SKIPPED, status.BAD_CONDITION, status.OUT_OF_BOUNDS)
         )
         narrow = (candidates.interval[:count] < self.config.max_interval) & np.isfinite(candidates.idepth_max[:count])
-        distinct = candidates.quality[:count] > self.config.min_quality
+        quality = candidates.quality[:count]
+        distinct = (quality > self.config.min_quality) & (quality < status.UNSEARCHED_QUALITY)
         older = candidates.host[:count] != window.newest
         return np.flatnonzero(traced & narrow & distinct & older)
 

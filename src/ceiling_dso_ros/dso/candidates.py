@@ -1,6 +1,6 @@
 """Candidate points: pixels of keyframes whose inverse depth is still being narrowed down to an interval."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -17,6 +17,8 @@ BAD_CONDITION = 3  # the image gradient runs along the edge: the position is not
 OUT_OF_BOUNDS = 4
 OUTLIER = 5
 DELETED = 6
+
+UNSEARCHED_QUALITY = 1e4  # until a first search; searches give less
 
 
 class CandidateArrays(NamedTuple):
@@ -61,15 +63,15 @@ class CandidateArrays(NamedTuple):
 @kernel
 def initialize_candidates(
     candidates: CandidateArrays, first: int, u: np.ndarray, v: np.ndarray, kind: np.ndarray, host: int,
-    image: np.ndarray, width: int,
+    image: np.ndarray, width: int, idepth_min: float, idepth_max: float,
 ) -> None:  # fmt: skip
-    """Fill candidates[first : first + u.size] with untraced candidates of an image."""
+    """Fill candidates[first : first + u.size] with untraced candidates of an image; idepth_max nan is unbounded."""
     for k in range(u.size):
         i = first + k
         candidates.u[i], candidates.v[i], candidates.kind[i] = u[k], v[k], kind[k]
         candidates.host[i], candidates.status[i] = host, UNTRACED
-        candidates.idepth_min[i], candidates.idepth_max[i] = 0.0, np.nan
-        candidates.quality[i], candidates.interval[i] = 10000.0, 0.0
+        candidates.idepth_min[i], candidates.idepth_max[i] = idepth_min, idepth_max
+        candidates.quality[i], candidates.interval[i] = UNSEARCHED_QUALITY, 0.0
         candidates.grad_xx[i] = candidates.grad_xy[i] = candidates.grad_yy[i] = 0.0
         for p in range(PATTERN_SIZE):
             grey, grad_x, grad_y = sample_gradient(image, width, u[k] + PATTERN_X[p], v[k] + PATTERN_Y[p])
@@ -96,11 +98,19 @@ class CandidateTable:
         """(hosts + 1,) first index of each host slot's candidates, and the end."""
         return np.searchsorted(self.arrays.host[: self.count], np.arange(hosts + 1))
 
-    def add(self, pixels: SelectedPixels, host: int, image: np.ndarray, width: int) -> None:
-        """Append untraced candidates of the newest host; those beyond the capacity are left out."""
+    def add(
+        self, pixels: SelectedPixels, host: int, image: np.ndarray, width: int,
+        idepth_range: Tuple[float, float] = (0.0, np.nan),
+    ) -> None:  # fmt: skip
+        """Append untraced candidates of the newest host; those beyond the capacity are left out.
+
+        Args:
+            pixels, host, image, width: where they are.
+            idepth_range: where their inverse depths are searched first; nan is no bound.
+        """
         room = self.capacity - self.count
         u, v, kind = pixels.u[:room], pixels.v[:room], pixels.kind[:room]
-        initialize_candidates(self.arrays, self.count, u, v, kind, host, image, width)
+        initialize_candidates(self.arrays, self.count, u, v, kind, host, image, width, *idepth_range)
         self.count += u.size
 
     def keep(self, mask: np.ndarray) -> None:

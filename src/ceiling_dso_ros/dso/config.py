@@ -80,11 +80,13 @@ class TrackingConfig:
 class TracingConfig:
     """Search of candidates along their epipolar lines."""
 
-    reach: float = 0.027  # longest search, share of width + height
+    reach: float = 0.05  # longest search, share of width + height
+    depth_margin: float = 3.0  # new candidates are searched among the inverse depths seen so far, times and over this
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         require(0.001 <= self.reach <= 0.06, f"tracing.reach={self.reach}: 0.001 to 0.06 of width + height")
+        require(self.depth_margin > 1, f"tracing.depth_margin={self.depth_margin}: above 1")
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class ActivationConfig:
     """Promotion of candidates to active points."""
 
     iterations: int = 3
-    min_hessian: float = 100.0
+    min_hessian: float = 50.0
     max_interval: float = 8.0  # pixels
     min_quality: float = 4.0  # second best over best energy of the search; 3 lets more false matches in (tum_fr1_xyz)
 

@@ -22,6 +22,7 @@ from ceiling_dso_ros.dso.tracing_kernels import trace_host
 from ceiling_dso_ros.dso.tracking_reference import ReferenceBuilder, TrackingReference
 from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
 
+MIN_POINTS_FOR_RANGE = 50  # with fewer, the depth of the scene is not known
 # Information that holds the first keyframe of a segment: translation, rotation, a, b.
 FIRST_KEYFRAME_INFORMATION = np.array([4e10, 4e10, 4e10, 1e11, 1e11, 1e11, 1e12, 1e8])
 
@@ -131,11 +132,20 @@ class Mapper:
             self._retire_points(leaving)
         with timer.stage("select"):
             pixels = self._selector.select(frame.image_slot, self._config.window.candidate_points)
-            window.candidates.add(pixels, window.newest, window.image(window.newest), window.width)
+            image, range_ = window.image(window.newest), self._idepth_range(reference)
+            window.candidates.add(pixels, window.newest, image, window.width, range_)
         with timer.stage("marginalize"):
             for slot in reversed(leaving):
                 marginalize_keyframe(window, slot, self._adjustment.affine_information)
         return reference, estimates
+
+    def _idepth_range(self, reference: TrackingReference) -> Tuple[float, float]:
+        """Where the inverse depths of new candidates are searched: those of the scene so far, and well around them."""
+        margin = self._config.tracing.depth_margin
+        if reference.levels[0].idepth.size < MIN_POINTS_FOR_RANGE:
+            return 0.0, np.nan
+        low, high = np.quantile(reference.levels[0].idepth, (0.01, 0.99))
+        return float(low) / margin, float(high) * margin
 
     def _append(self, frame: Frame) -> None:
         self.window.add_keyframe(

@@ -44,13 +44,18 @@ class DirectOdometry:
         self._last_pose = np.eye(4)
         self._start_over()
 
-    def track(self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float] = None) -> OdometryStatus:
+    def track(
+        self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float] = None,
+        T_last_camera: Optional[np.ndarray] = None,
+    ) -> OdometryStatus:  # fmt: skip
         """Process one image.
 
         Args:
             image: (height, width) float32 or uint8, undistorted and photometrically corrected, grey levels 0..255.
             stamp_s: seconds, larger than the last one's.
             exposure_ms: exposure time, None or not positive when unknown.
+            T_last_camera: (4, 4) pose of this image's camera in the last image's, predicted by other means, translation
+                in the unit of the segment; None when there is no prediction.
         """
         self._timer = StageTimer()
         with self._timer.stage("pyramid"):
@@ -59,7 +64,7 @@ class DirectOdometry:
             with self._timer.stage("initialize"):
                 return self._initialize(frame)
         with self._timer.stage("track"):
-            tracked = self._track(frame)
+            tracked = self._track(frame, T_last_camera)
         if tracked is None:
             return self._lose(frame, "no motion explains this image")
         frame = self._located(frame, tracked)
@@ -106,15 +111,15 @@ class DirectOdometry:
 
     # Tracking
 
-    def _track(self, frame: Frame) -> Optional[TrackedFrame]:
+    def _track(self, frame: Frame, T_last_camera: Optional[np.ndarray]) -> Optional[TrackedFrame]:
         T_reference_world = self._reference.T_camera_world
         last, previous = (self._mapper.pose_of(keyframe) @ T for keyframe, T in (self._history[-1], self._history[0]))
         T_last_reference = se3.inverse(T_reference_world @ last)
         T_last_previous = se3.inverse(last) @ previous
+        hypotheses = motion_hypotheses(T_last_reference, T_last_previous, T_last_camera)
         return self._tracker.track(
-            frame.image_slot, frame.exposure, self._reference, motion_hypotheses(T_last_reference, T_last_previous),
-            self._last_affine, self._last_rmse,
-        )  # fmt: skip
+            frame.image_slot, frame.exposure, self._reference, hypotheses, self._last_affine, self._last_rmse
+        )
 
     def _located(self, frame: Frame, tracked: TrackedFrame) -> Frame:
         T_camera_world = tracked.T_frame_reference @ self._reference.T_camera_world

@@ -19,6 +19,7 @@ REFINEMENTS = 3
 MIN_REFINEMENT = 0.1  # pixels
 OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 1.2
 SECOND_BEST_RADIUS = 2
+MAX_QUALITY = np.float32(0.1 * status.UNSEARCHED_QUALITY)
 DEPTH_RATIO = (0.75, 1.5)
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
@@ -168,6 +169,7 @@ def trace_one(
         expected, pattern_x, pattern_y, energies[:steps],
     )  # fmt: skip
     best, quality = best_step(energies[:steps])
+    quality = min(quality, MAX_QUALITY)
     if quality < candidates.quality[i] or steps > 10:
         candidates.quality[i] = quality
     x, y, energy = refine_along_line(

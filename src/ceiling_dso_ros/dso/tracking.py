@@ -13,10 +13,9 @@ from ceiling_dso_ros.dso.tracking_kernels import align, mean_squared_flow
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 
 ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
-MIN_STEP = 0.1  # pixels of the level, at the image's centre
-MAX_SATURATED = 0.6  # share of points above the cutoff beyond which the cutoff is doubled
+MIN_STEP = 0.03  # pixels of the level, at the image's centre
+MAX_SATURATED = 0.6  # share of points above the cutoff beyond which it is doubled; on the finest level, a failure
 MAX_CUTOFF_GROWTH = 50.0
-LOST_SATURATED = 0.8  # share on the finest level beyond which nothing was found
 MAX_GAIN_LOG = 1.2
 MAX_OFFSET = 200.0
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
@@ -45,15 +44,20 @@ class TrackedFrame:
     information: np.ndarray
 
 
-def motion_hypotheses(T_last_reference: np.ndarray, T_last_previous: np.ndarray) -> Iterable[np.ndarray]:
+def motion_hypotheses(
+    T_last_reference: np.ndarray, T_last_previous: np.ndarray, T_last_frame: Optional[np.ndarray] = None
+) -> Iterable[np.ndarray]:
     """T_frame_reference to try, likeliest first.
 
     Args:
         T_last_reference: (4, 4) motion from the reference to the last frame.
         T_last_previous: (4, 4) motion from the frame before to the last frame.
+        T_last_frame: (4, 4) pose of the frame in the last frame as somebody predicts it, if anybody does.
     """
     velocity = se3.log(T_last_previous)
     constant = T_last_previous @ T_last_reference
+    if T_last_frame is not None:
+        yield se3.inverse(T_last_frame) @ T_last_reference
     yield constant
     yield se3.exp(2.0 * velocity) @ T_last_reference
     yield se3.exp(0.5 * velocity) @ T_last_reference
@@ -125,14 +129,14 @@ class FrameTracker:
                     T, ab, reference.affine, ratio, self._prior, cutoff, ITERATIONS[level], MIN_STEP / intrinsics[0],
                     self._system,
                 )  # fmt: skip
-                if saturated <= MAX_SATURATED or not np.isfinite(rmse):
+                if saturated <= MAX_SATURATED or level == 0 or not np.isfinite(rmse):
                     break
                 cutoff = min(2.0 * cutoff, MAX_CUTOFF_GROWTH * self._config.cutoff)
             errors.append(rmse)
             if not np.isfinite(rmse) or rmse > limits[level]:
                 return None
         T = se3.orthonormalized(T)  # the next hypotheses are products of it: rounding would grow with every frame
-        if saturated > LOST_SATURATED or abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
+        if saturated > MAX_SATURATED or abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
             return None
         finest = reference.levels[0]
         flows = mean_squared_flow(
