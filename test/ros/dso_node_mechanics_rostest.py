@@ -91,6 +91,11 @@ class DsoNodeMechanics(unittest.TestCase):
     def test_image_of_another_size(self):
         self.assert_skipped(self.next_image(PIXELS[:240, :424].copy()), "424x240")
 
+    def test_no_stamp(self):
+        image = self.next_image()
+        image.header.stamp = rospy.Time()
+        self.assert_skipped(image, "no stamp")
+
     def test_repeated_stamp(self):
         image = self.next_image()
         self.player.play(image)

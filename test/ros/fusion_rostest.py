@@ -193,7 +193,11 @@ class Fusion(unittest.TestCase):
         message.pose.pose.orientation.w = float("nan")
         publisher.publish(message)
         wait_until(lambda: "not finite" in self.listener.diagnostics["fusion_node"].message, "no complaint")
+        message.pose.pose.orientation.w, message.header.stamp = 1.0, rospy.Time()
+        publisher.publish(message)
+        wait_until(lambda: "without a stamp" in self.listener.diagnostics["fusion_node"].message, "no complaint")
         self.listener.wait_for_level("fusion_node", OK)
+        self.assertEqual(self.listener.statuses[-1].resets, self.listener.statuses[-100].resets)
         publisher.unregister()
 
     def test_garbage_in_the_visual_odometry(self):

@@ -247,8 +247,10 @@ class DsoServer:
         """Start anew when time goes backwards, as it does when a bag is played again.
 
         Raises:
-            FrameError: the stamp is that of the last image.
+            FrameError: there is no stamp, or it is that of the last image.
         """
+        if stamp.is_zero():
+            raise FrameError("it has no stamp")
         last, self._last_stamp = self._last_stamp, stamp
         if last is None or stamp > last:
             return

@@ -139,16 +139,19 @@ class FusionServer:
             self._wheels.heard()
             stamp_s = seconds(message.header.stamp.to_nsec())
             try:
-                self._wheel_pose = planar_pose(message.pose.pose)
+                pose = planar_pose(message.pose.pose)
             except ValueError as error:
                 self._wheels.complain(str(error))
+                return
+            if stamp_s == 0.0:
+                self._wheels.complain("a message without a stamp")
                 return
             if stamp_s < self._last_wheel_s - BACKWARDS_S:
                 self._start_anew(f"time went backwards by {self._last_wheel_s - stamp_s:.3f} s")
             self._use_mount()
             self._last_wheel_s = max(self._last_wheel_s, stamp_s)
-            self._wheel_frame = message.header.frame_id.lstrip("/")
-            state = self._estimator.add_wheel_odometry(stamp_s, self._wheel_pose)
+            self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
+            state = self._estimator.add_wheel_odometry(stamp_s, pose)
             if self._estimator.wheels.message:
                 self._wheels.complain(self._estimator.wheels.message)
             self._publish(state, start_s)

@@ -89,19 +89,14 @@ class WheelServer:
         rospy.Subscriber(topic, kind, callback, queue_size=QUEUE_SIZE, tcp_nodelay=True)
 
     def _on_joint_states(self, message: JointState) -> None:
-        angles = [
-            [
-                angle
-                for name, angle in zip(message.name, message.position)
-                if name == joint or (not joint and side in name)
-            ]
-            for side, joint in (("left", self._left_joint), ("right", self._right_joint))
-        ]
+        left, right = _angles(message, "left", self._left_joint), _angles(message, "right", self._right_joint)
+        stamp_s = seconds(message.header.stamp.to_nsec())
         with self._lock:
-            if len(angles[0]) == len(angles[1]) == 1:
-                stamp_s = seconds(message.header.stamp.to_nsec())
+            if stamp_s == 0.0:
+                self._samples.complain("a message without a stamp")
+            elif len(left) == len(right) == 1:
                 self._begin_sample(stamp_s)
-                self._take_in(self._odometry.add_angles(stamp_s, angles[0][0], angles[1][0]))
+                self._take_in(self._odometry.add_angles(stamp_s, *left, *right))
             elif not self._samples.received or self._samples.silent:  # other joints may well share the topic
                 self._samples.complain("no left and right wheel in it; set ~left_joint and ~right_joint")
 
