@@ -7,12 +7,12 @@ import sys
 from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
-from ceiling_dso_ros.cli import calibrate, collect, evaluate, run, simulate
+from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, run, simulate
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-COMMANDS = (run, evaluate, collect, calibrate, simulate)
+COMMANDS = (run, evaluate, collect, calibrate, simulate, benchmark)
 
 
 class _Parser(argparse.ArgumentParser):

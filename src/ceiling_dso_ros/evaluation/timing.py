@@ -55,6 +55,20 @@ class TimingLog:
             "others": _statistics(total_ms[tracked & ~is_keyframe]),
         }
 
+    def frame_rate_hz(self) -> float:
+        """Of the recording: one over the median interval; two frames at least."""
+        return float(1.0 / np.median(np.diff(self._stamps_s)))
+
+    def stage_means_ms(self) -> Dict[str, Dict[str, float]]:
+        """Mean of every stage that took part: of `keyframes`, and of the `others` that were tracked."""
+        is_keyframe = np.array(self._is_keyframe, dtype=bool)
+        tracked = np.array([state is TrackingState.TRACKING for state in self._states], dtype=bool)
+        means: Dict[str, Dict[str, float]] = {}
+        for kind, which in (("keyframes", is_keyframe), ("others", tracked & ~is_keyframe)):
+            columns = {name: np.array(column)[which] for name, column in self._stages_ms.items()}
+            means[kind] = {name: float(values.mean()) for name, values in columns.items() if values.any()}
+        return means
+
     def write_csv(self, path: Path) -> None:
         """Write stamp (s), total_ms, a column of milliseconds for each stage, is_keyframe (0 or 1), state.
 

@@ -1,0 +1,74 @@
+"""`benchmark`: time per frame and per stage."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Optional
+
+from ceiling_dso_ros.io.errors import InputError
+
+
+def add_parser(commands: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "benchmark",
+        help="time per frame and per stage",
+        description="Track a recording several times, every frame to the end, and print the medians in milliseconds "
+        "and in a unit that hardly depends on the machine.",
+    )
+    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    parser.add_argument("--repeats", metavar="N", type=int, default=3, help="passes over the recording (default 3)")
+    parser.add_argument(
+        "--vs", metavar="FOLDER", type=Path, help="compare with the benchmark.json or reference.json in there"
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write benchmark.json there; made if missing")
+    parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
+    parser.add_argument(
+        "--set", metavar="key=value", dest="overrides", action="append", default=[], help="one setting; may be repeated"
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Measure and print.
+
+    Raises:
+        InputError: wrong options or settings, unreadable recording, or a folder that cannot be written.
+    """
+    from tqdm import tqdm
+
+    from ceiling_dso_ros.dso import DirectOdometry
+    from ceiling_dso_ros.dso.warmup import warm_up
+    from ceiling_dso_ros.evaluation.benchmark import describe, read_reference, run_once, summarize
+    from ceiling_dso_ros.evaluation.playback import Playback
+    from ceiling_dso_ros.io.opening import open_recording
+    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+    from ceiling_dso_ros.settings import load_settings
+
+    if options.repeats < 1:
+        raise InputError(f"--repeats {options.repeats}: at least 1")
+    reference = read_reference(options.vs) if options.vs is not None else None
+    config = load_settings(options.config, options.overrides)
+    recording = open_recording(options.input)
+    _make_folder(options.out)
+    warm_up()
+    runs = []
+    for _ in tqdm(range(options.repeats), unit="pass", disable=None):
+        playback = Playback(
+            ImagePreprocessor(recording.calibration, recording.photometric),
+            DirectOdometry(recording.calibration.camera, config),
+            tqdm.write,
+        )
+        runs.append(run_once(playback, recording.frames()))
+    result = summarize(runs)
+    if options.out is not None:
+        (options.out / "benchmark.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
+    print(describe(result, reference))
+
+
+def _make_folder(folder: Optional[Path]) -> None:
+    try:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from error

@@ -1,0 +1,48 @@
+"""`benchmark` prints tables and writes benchmark.json; what is wrong takes one line."""
+
+import json
+
+import pytest
+
+from ceiling_dso_ros.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A TUM-mono folder of a few frames."""
+    import cv2
+    import numpy as np
+
+    path = tmp_path_factory.mktemp("recording")
+    (path / "images").mkdir()
+    rng = np.random.default_rng(0)
+    for k in range(4):
+        cv2.imwrite(str(path / "images" / f"{k:05d}.png"), rng.integers(0, 255, (240, 320), np.uint8))
+    (path / "times.txt").write_text("".join(f"{k:05d} {k / 20:.3f} 0\n" for k in range(4)))
+    (path / "camera.txt").write_text("Pinhole 200 200 160 120 0\n320 240\nnone\n320 240\n")
+    return path
+
+
+def test_results(folder, tmp_path, capsys):
+    assert main(["benchmark", str(folder), "--repeats", "2", "--out", str(tmp_path / "out")]) == 0
+    result = json.loads((tmp_path / "out" / "benchmark.json").read_text())
+    assert result["frames"] == 4
+    assert result["runs"] == 2
+    assert result["frame_rate_hz"] == pytest.approx(20.0)
+    assert result["frame_ms"]["all"] > 0
+    assert main(["benchmark", str(folder), "--repeats", "1", "--vs", str(tmp_path / "out")]) == 0
+    assert "reference units" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--repeats", "0"], "--repeats 0"),
+        (["--vs", "nowhere"], "nowhere"),
+        (["--set", "window.max_keyframes=2"], "window.max_keyframes"),
+        (["--out", "/dev/null/there"], "/dev/null/there"),
+    ],
+)
+def test_wrong_usage(folder, arguments, words, capsys):
+    assert main(["benchmark", str(folder), *arguments]) == 2
+    assert words in capsys.readouterr().err

@@ -1,0 +1,64 @@
+"""What a benchmark adds up, what it writes, and what it compares with."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.evaluation.benchmark import BenchmarkRun, describe, read_reference, summarize
+from ceiling_dso_ros.evaluation.machine_speed import machine_ms
+from ceiling_dso_ros.io.errors import InputError
+
+
+def run(scale=1.0, machine=(2.0, 4.0)):
+    return BenchmarkRun(
+        frames=10,
+        tracked=8,
+        lost=1,
+        frame_ms={"all": 6.0 * scale, "keyframes": 30.0 * scale, "others": None},
+        stage_ms={"keyframes": {"optimize": 20.0 * scale}, "others": {}},
+        frame_rate_hz=30.0,
+        machine_ms=machine,
+    )
+
+
+def test_medians_and_units():
+    result = summarize([run(1.0), run(2.0), run(10.0)])
+    assert result["frame_ms"] == {"all": 12.0, "keyframes": 60.0, "others": None}
+    assert result["machine_ms"] == 3.0
+    assert result["frame_units"] == {"all": 4.0, "keyframes": 20.0, "others": None}
+    assert result["stage_ms"]["keyframes"]["optimize"] == 40.0
+    assert result["speed_factor"] == pytest.approx(1 / (0.012 * 30))
+    assert result["peak_memory_mb"] > 10
+    json.dumps(result, allow_nan=False)
+
+
+def test_comparison(tmp_path):
+    result = summarize([run()])
+    (tmp_path / "benchmark.json").write_text(json.dumps(result))
+    assert read_reference(tmp_path) == result["frame_units"]
+    text = describe(summarize([run(2.0)]), read_reference(tmp_path))
+    assert "2.00" in next(line for line in text.splitlines() if line.startswith("keyframes"))
+    assert "8 of 10 frames tracked" in text
+
+
+def test_reference_of_another_implementation(tmp_path):
+    content = {
+        "frame_ms_over_machine_ms": 10.9,
+        "keyframe_ms_over_machine_ms": 37.6,
+        "other_frame_ms_over_machine_ms": 2.1,
+    }
+    (tmp_path / "reference.json").write_text(json.dumps(content))
+    assert read_reference(tmp_path) == {"all": 10.9, "keyframes": 37.6, "others": 2.1}
+
+
+@pytest.mark.parametrize("content", [None, "{", "{}", "[]"])
+def test_nothing_to_compare_with(tmp_path, content):
+    if content is not None:
+        (tmp_path / "reference.json").write_text(content)
+    with pytest.raises(InputError, match=str(tmp_path)):
+        read_reference(tmp_path)
+
+
+def test_the_unit_is_a_time():
+    assert 0.01 < machine_ms(2) < np.inf
