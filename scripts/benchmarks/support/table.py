@@ -24,9 +24,12 @@ class Row:
 
     def cells(self) -> List[str]:
         """As text."""
+        values = "  ".join(f"{v:.3g}" for v in self.values)
+        if math.isinf(self.low) and math.isinf(self.high):
+            return [self.subject, self.measure, values, "", ""]
         low, high = f"{self.low:.4g}", f"{self.high:.4g}"
         limit = f"<= {high}" if self.low == -math.inf else f">= {low}" if self.high == math.inf else f"{low} to {high}"
-        return [self.subject, self.measure, "  ".join(f"{v:.3g}" for v in self.values), limit, _yes(self.holds)]
+        return [self.subject, self.measure, values, limit, _yes(self.holds)]
 
 
 def report(rows: Sequence[Row]) -> str:
