@@ -12,13 +12,15 @@ import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Pose, TransformStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from ceiling_dso_ros.dso.map_points import MapPoints
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.msg import FusionScale, FusionStatus, Keyframe, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import pose_from_matrix
+from ceiling_dso_ros.ros.map_publisher import point_cloud
 from ceiling_dso_ros.ros.planar_messages import planar_pose
 
 WHEEL_HZ, CAMERA_HZ, FRAMES_PER_KEYFRAME = 50, 25, 5
@@ -43,6 +45,7 @@ class FakeRobot:
         self._joints = rospy.Publisher("joint_states", JointState, queue_size=100)
         self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=100)
         self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=100)
+        self._points = rospy.Publisher("visual_odometry/points", PointCloud2, queue_size=10)
         self._mounts = tf2_ros.StaticTransformBroadcaster()
         self._mounts.sendTransform([mount("camera", np.zeros(3)), mount("laser", LASER_XYZ)])
         self._begin_s = rospy.get_time()
@@ -96,6 +99,8 @@ class FakeRobot:
             keyframe = Keyframe(id=self._reference[0], stamp=header.stamp, pose=pose_from_matrix(T))
             self._window = [*self._window, keyframe][-7:]
             self._keyframes.publish(Keyframes(header, self._window))
+            lamp = T[:3, 3] + [0.0, 0.0, 1.0]  # always straight above the robot
+            self._points.publish(point_cloud(header, MapPoints(lamp[None], np.array([255.0]))))
         if self._reference is not None:
             self._status.publish(
                 VisualOdometryStatus(

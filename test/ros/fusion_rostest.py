@@ -13,6 +13,8 @@ import rostest
 import tf2_ros
 from diagnostic_msgs.msg import DiagnosticStatus
 from fake_robot import (
+    CAMERA_HZ,
+    FRAMES_PER_KEYFRAME,
     LASER_XYZ,
     SCALE_M,
     SPEED_M_S,
@@ -25,8 +27,9 @@ from fake_robot import (
     wait_until,
     xy_yaw,
 )
-from geometry_msgs.msg import PoseStamped, TransformStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -131,6 +134,19 @@ class Fusion(unittest.TestCase):
         expected[:3, 3] /= SCALE_M
         np.testing.assert_allclose(matrix_from_pose(message.motion), expected, atol=2e-3)
         self.assertGreater((message.header.stamp - message.start).to_sec(), 0.0)
+
+    def test_map_is_metric_and_in_odom(self):
+        cloud = rospy.wait_for_message("fusion/points", PointCloud2, 30.0)
+        keyframes = rospy.wait_for_message("fusion/keyframes", PoseArray, 30.0)
+        self.assertEqual((cloud.header.frame_id, keyframes.header.frame_id), ("odom", "odom"))
+        lamp = np.frombuffer(cloud.data, np.float32)[:3]
+        self.listener.wait_for_poses(5)
+        stamps = [abs((message.header.stamp - cloud.header.stamp).to_sec()) for message in self.listener.poses]
+        robot = xy_yaw(self.listener.poses[int(np.argmin(stamps))])
+        np.testing.assert_allclose(lamp, [robot[0], robot[1], SCALE_M], atol=0.05)
+        steps = np.diff([[pose.position.x, pose.position.y] for pose in keyframes.poses], axis=0)
+        expected = SPEED_M_S * FRAMES_PER_KEYFRAME / CAMERA_HZ
+        np.testing.assert_allclose(np.linalg.norm(steps, axis=1), expected, rtol=0.05)
 
     def test_camera_silent_for_three_seconds(self):
         before = self.recent(0.1)[-1]
