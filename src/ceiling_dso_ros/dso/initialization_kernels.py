@@ -11,9 +11,11 @@ from ceiling_dso_ros.dso.linearization import Scratch, add_pair, classify
 from ceiling_dso_ros.dso.pair_geometry import intrinsic_inverse, intrinsic_matrix
 from ceiling_dso_ros.dso.points import PointArrays, ResidualArrays
 from ceiling_dso_ros.dso.residual_kernels import COLUMNS, sum_pattern
+from ceiling_dso_ros.dso.tracking_kernels import step_size
 
 PARAMETERS = 8  # translation, rotation, gain (as a log), offset
 FIRST = 4  # first pose column of a pair's system
+MIN_STEP = 0.02  # pixels of the level, at the image's centre
 MIN_IDEPTH, MAX_IDEPTH = np.float32(1e-3), np.float32(50.0)
 
 
@@ -152,7 +154,7 @@ def align_level(
         )  # fmt: skip
         trial_total = trial_energy + regularization_energy(points, count, target, weight)
         trial_total += pull * (trial_T[:3, 3] * trial_T[:3, 3]).sum()
-        small = (step * step).sum() < 1e-8
+        small = step_size(step) * intrinsics[0] < MIN_STEP
         if trial_in_view >= 20 and trial_total / trial_in_view < total / in_view:
             T, light, energy, total, in_view = trial_T, trial_light, trial_energy, trial_total, trial_in_view
             system[:] = trial_system
