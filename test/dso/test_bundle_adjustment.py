@@ -162,6 +162,13 @@ def test_later_steps_do_not_move_what_images_cannot_see():
     np.testing.assert_allclose(projected, free - basis @ (basis.T @ free), atol=1e-12)
 
 
+def test_an_estimate_that_is_no_number_is_no_error():
+    window = true_window(40, surface=RELIEF)
+    hold_first_keyframe(window)
+    window.prior.b[:] = np.nan
+    assert np.isnan(BundleAdjustment(window, OptimizationConfig()).optimize(window))
+
+
 def test_a_keyframe_that_sees_none_of_the_points_is_no_error():
     window = true_window(40, surface=RELIEF)
     hold_first_keyframe(window)

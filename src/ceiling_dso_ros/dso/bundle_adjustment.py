@@ -81,6 +81,8 @@ class BundleAdjustment:
             if self._converged(window, step):
                 break
         self._settle(window)
+        if not np.isfinite(window.keyframes.T_camera_world[: window.count]).all():
+            return float("nan")
         window.relinearize(window.newest)
         if not window.points.residuals.live[window.newest, : window.points.count].any():
             return float("nan")

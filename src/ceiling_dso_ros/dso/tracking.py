@@ -133,7 +133,7 @@ class FrameTracker:
                     break
                 cutoff = min(2.0 * cutoff, MAX_CUTOFF_GROWTH * self._config.cutoff)
             errors.append(rmse)
-            if not np.isfinite(rmse) or rmse > limits[level]:
+            if not (np.isfinite(rmse) and np.isfinite(T).all()) or rmse > limits[level]:
                 return None
         T = se3.orthonormalized(T)  # the next hypotheses are products of it: rounding would grow with every frame
         if saturated > MAX_SATURATED or abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
