@@ -110,10 +110,10 @@ def test_a_keyframe_of_another_brightness_leaves():
     assert leaving(window, max_keyframes=6) == []
 
 
-def test_points_that_still_are_candidates_keep_their_keyframe():
+def test_a_keyframe_that_lost_no_points_stays():
     window = row_of_keyframes([0, 0.1, 0.2, 0.3])
     window.points.keep(window.points.arrays.host[: window.points.count] != 1)
-    assert leaving(window, max_keyframes=6) == []  # it lost none
+    assert leaving(window, max_keyframes=6) == []
 
 
 # Points

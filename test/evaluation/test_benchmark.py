@@ -1,12 +1,13 @@
 """What a benchmark adds up, what it writes, and what it compares with."""
 
 import json
+import time
 
 import numpy as np
 import pytest
 
 from ceiling_dso_ros.evaluation.benchmark import BenchmarkRun, describe, read_reference, summarize
-from ceiling_dso_ros.evaluation.machine_speed import machine_ms
+from ceiling_dso_ros.evaluation.machine_speed import _workload, machine_ms
 from ceiling_dso_ros.io.errors import InputError
 
 
@@ -60,5 +61,20 @@ def test_nothing_to_compare_with(tmp_path, content):
         read_reference(tmp_path)
 
 
-def test_the_unit_is_a_time():
-    assert 0.01 < machine_ms(2) < np.inf
+def test_the_unit_is_that_of_whole_runs():
+    """The least of many cannot be more than the mean time of a run."""
+    machine_ms(1)  # compiles
+    start = time.perf_counter()
+    least_ms = machine_ms(20)
+    assert 0 < 20 * least_ms <= 1e3 * (time.perf_counter() - start)
+
+
+def test_the_unit_s_workload():
+    """The normal equations of an image that is a plane, whose bilinear samples are exact."""
+    y, x = np.mgrid[:480, :848].astype(np.float32)
+    ones = np.ones_like(x)
+    xs, ys = (np.random.default_rng(0).uniform(1, 400, 50).astype(np.float32) for _ in range(2))
+    residual = (xs + 2 * ys) - 100.0
+    weight = np.minimum(1.0, 9.0 / np.abs(residual))
+    expected = (weight * (1 + 2 + 4 + 3 * residual)).sum()
+    assert _workload(x + 2 * y, ones, 2 * ones, xs, ys) == pytest.approx(expected, rel=1e-3)

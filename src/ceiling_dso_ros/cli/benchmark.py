@@ -3,8 +3,8 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Optional
 
+from ceiling_dso_ros.cli.output_folder import output_folder
 from ceiling_dso_ros.io.errors import InputError
 
 
@@ -50,7 +50,9 @@ def execute(options: argparse.Namespace) -> None:
     reference = read_reference(options.vs) if options.vs is not None else None
     config = load_settings(options.config, options.overrides)
     recording = open_recording(options.input)
-    _make_folder(options.out)
+    if options.out is not None:
+        with output_folder(options.out):  # known to be wrong before the measurement, not after it
+            pass
     warm_up()
     runs = []
     for _ in tqdm(range(options.repeats), unit="pass", disable=None):
@@ -64,11 +66,3 @@ def execute(options: argparse.Namespace) -> None:
     if options.out is not None:
         (options.out / "benchmark.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
     print(describe(result, reference))
-
-
-def _make_folder(folder: Optional[Path]) -> None:
-    try:
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from error

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from ceiling_dso_ros.cli.output_folder import output_folder
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 TOPICS = {"camera": "/visual_odometry/pose", "wheel": "/wheel/odometry", "fused": "/odometry/filtered"}
@@ -37,11 +38,9 @@ def execute(options: argparse.Namespace) -> None:
     if not trajectories:
         raise InputError(f"{options.bag}: no poses on {', '.join(topics.values())}")
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        for name, trajectory in trajectories.items():
-            write_tum(options.out / f"{name}.tum", trajectory)
-    except OSError as error:
-        raise InputError(f"{options.out}: cannot write there: {error.strerror}") from error
+        with output_folder(options.out) as folder:
+            for name, trajectory in trajectories.items():
+                write_tum(folder / f"{name}.tum", trajectory)
     except OutputError as error:
         raise InputError(str(error)) from error
     for name, trajectory in trajectories.items():

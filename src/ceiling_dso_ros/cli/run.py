@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Optional
 
+from ceiling_dso_ros.cli.output_folder import output_folder
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,13 +68,10 @@ def execute(options: argparse.Namespace) -> None:
     )
     recording = _open_recording(options)
     fusion = _fusion(recording, fusion_config)
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        write_settings(options.out / "config.yaml", config)
+    with output_folder(options.out) as folder:
+        write_settings(folder / "config.yaml", config)
         if fusion is not None:
-            write_settings(options.out / "fusion.yaml", fusion_config)
-    except OSError as error:
-        raise InputError(f"{options.out}: cannot write there: {error.strerror}; choose another --out") from error
+            write_settings(folder / "fusion.yaml", fusion_config)
 
     playback = Playback(
         ImagePreprocessor(recording.calibration, recording.photometric),

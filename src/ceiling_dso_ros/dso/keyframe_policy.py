@@ -11,7 +11,7 @@ from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window import KeyframeWindow
 
 MIN_POINTS_LEFT = 0.05  # share of the active points that a keyframe ever had
-KEPT_NEWEST = 2
+KEPT_NEWEST = 2  # of the older ones: their candidates have hardly had a chance to become points
 MAX_BRIGHTNESS_CHANGE = 0.7  # |ln alpha|
 
 

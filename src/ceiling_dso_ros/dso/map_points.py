@@ -21,7 +21,7 @@ class MapPoints(NamedTuple):
 
 def map_points(odometry: DirectOdometry) -> MapPoints:
     """The active points as they stand after the last image; none before the first map."""
-    window = odometry._mapper.window
+    window = odometry.window
     arrays, count = window.points.arrays, window.points.count
     idepth = arrays.idepth[:count].astype(np.float64)
     front = idepth > 0.0

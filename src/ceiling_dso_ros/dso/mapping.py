@@ -132,8 +132,9 @@ class Mapper:
             self._retire_points(leaving)
         with timer.stage("select"):
             pixels = self._selector.select(frame.image_slot, self._config.window.candidate_points)
-            image, range_ = window.image(window.newest), self._idepth_range(reference)
-            window.candidates.add(pixels, window.newest, image, window.width, range_)
+            window.candidates.add(
+                pixels, window.newest, window.image(window.newest), window.width, self._idepth_range(reference)
+            )
         with timer.stage("marginalize"):
             for slot in reversed(leaving):
                 marginalize_keyframe(window, slot, self._adjustment.affine_information)

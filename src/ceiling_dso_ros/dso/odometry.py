@@ -17,6 +17,7 @@ from ceiling_dso_ros.dso.stage_timer import StageTimer
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses, pose_covariance
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.window import KeyframeWindow
 
 EXTRA_IMAGES = 3  # beside the window's: the frame in work, the initialiser's first frame, one that is about to leave
 
@@ -43,6 +44,11 @@ class DirectOdometry:
         self._next_keyframe_id = 0
         self._last_pose = np.eye(4)
         self._start_over()
+
+    @property
+    def window(self) -> KeyframeWindow:
+        """The map as it stands after the last image; read only, and other with the next one."""
+        return self._mapper.window
 
     def track(
         self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float] = None,
@@ -188,7 +194,7 @@ class DirectOdometry:
         return OdometryStatus(frame.stamp_s, state, self._segment, message=message, **self._counts())
 
     def _counts(self) -> Dict[str, Any]:
-        window = self._mapper.window
+        window = self.window
         return {
             "active_points": window.points.count,
             "candidate_points": window.candidates.count,

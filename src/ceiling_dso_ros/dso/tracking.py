@@ -15,7 +15,6 @@ from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
 MIN_STEP = 0.03  # pixels of the level, at the image's centre
 MAX_SATURATED = 0.6  # share of points above the cutoff beyond which it is doubled; on the finest level, a failure
-MAX_CUTOFF_GROWTH = 50.0
 MAX_GAIN_LOG = 1.2
 MAX_OFFSET = 200.0
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
@@ -131,7 +130,7 @@ class FrameTracker:
                 )  # fmt: skip
                 if saturated <= MAX_SATURATED or level == 0 or not np.isfinite(rmse):
                     break
-                cutoff = min(2.0 * cutoff, MAX_CUTOFF_GROWTH * self._config.cutoff)
+                cutoff *= 2.0
             errors.append(rmse)
             if not (np.isfinite(rmse) and np.isfinite(T).all()) or rmse > limits[level]:
                 return None

@@ -4,7 +4,7 @@ import json
 import resource
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import numpy as np
 from tabulate import tabulate
@@ -98,18 +98,13 @@ def read_reference(folder: Path) -> Dict[str, Optional[float]]:
     Raises:
         InputError: there is neither, or it cannot be read.
     """
-    for name, units in (
-        ("benchmark.json", lambda content: content["frame_units"]),
-        ("reference.json", lambda content: {kind: content[key] for kind, key in REFERENCE_KEYS.items()}),
-    ):
-        if (folder / name).is_file():
-            return _read_units(folder / name, units)
-    raise InputError(f"{folder}: neither benchmark.json nor reference.json is there")
-
-
-def _read_units(path: Path, units: Callable[[Mapping[str, Any]], Dict[str, float]]) -> Dict[str, Optional[float]]:
+    own, other = folder / "benchmark.json", folder / "reference.json"
+    path = own if own.is_file() else other
+    if not path.is_file():
+        raise InputError(f"{folder}: neither benchmark.json nor reference.json is there")
     try:
-        return units(json.loads(path.read_text()))
+        content = json.loads(path.read_text())
+        return content["frame_units"] if path == own else {kind: content[key] for kind, key in REFERENCE_KEYS.items()}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not the result of a benchmark: {error}") from error
 

@@ -47,13 +47,8 @@ class TimingLog:
     def statistics_ms(self) -> Dict[str, Any]:
         """Mean, median, p95 and max of a frame: of `all`, of `keyframes`, and of the `others` that were tracked."""
         total_ms = np.array(self._total_ms)
-        is_keyframe = np.array(self._is_keyframe, dtype=bool)
-        tracked = np.array([state is TrackingState.TRACKING for state in self._states], dtype=bool)
-        return {
-            "all": _statistics(total_ms),
-            "keyframes": _statistics(total_ms[is_keyframe]),
-            "others": _statistics(total_ms[tracked & ~is_keyframe]),
-        }
+        kinds = {kind: _statistics(total_ms[which]) for kind, which in self._kinds().items()}
+        return {"all": _statistics(total_ms), **kinds}
 
     def frame_rate_hz(self) -> float:
         """Of the recording: one over the median interval; two frames at least."""
@@ -61,13 +56,16 @@ class TimingLog:
 
     def stage_means_ms(self) -> Dict[str, Dict[str, float]]:
         """Mean of every stage that took part: of `keyframes`, and of the `others` that were tracked."""
-        is_keyframe = np.array(self._is_keyframe, dtype=bool)
-        tracked = np.array([state is TrackingState.TRACKING for state in self._states], dtype=bool)
         means: Dict[str, Dict[str, float]] = {}
-        for kind, which in (("keyframes", is_keyframe), ("others", tracked & ~is_keyframe)):
+        for kind, which in self._kinds().items():
             columns = {name: np.array(column)[which] for name, column in self._stages_ms.items()}
             means[kind] = {name: float(values.mean()) for name, values in columns.items() if values.any()}
         return means
+
+    def _kinds(self) -> Dict[str, np.ndarray]:
+        is_keyframe = np.array(self._is_keyframe, dtype=bool)
+        tracked = np.array([state is TrackingState.TRACKING for state in self._states], dtype=bool)
+        return {"keyframes": is_keyframe, "others": tracked & ~is_keyframe}
 
     def write_csv(self, path: Path) -> None:
         """Write stamp (s), total_ms, a column of milliseconds for each stage, is_keyframe (0 or 1), state.

@@ -1,0 +1,21 @@
+"""The folder that a command writes into."""
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Iterator
+
+from ceiling_dso_ros.io.errors import InputError
+
+
+@contextmanager
+def output_folder(folder: Path) -> Iterator[Path]:
+    """Make a folder that is missing, for what the with block writes there.
+
+    Raises:
+        InputError: it cannot be made, or the block cannot write.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from error
