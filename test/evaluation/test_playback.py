@@ -1,4 +1,5 @@
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -43,6 +44,22 @@ class FakeOdometry:
 def frames(count):
     for index in range(count):
         yield Frame(float(index), 0.1 * index, np.full((2, 3), index, np.uint8))
+
+
+class InterruptedOdometry(FakeOdometry):
+    """Ctrl-C comes in the midst of frame 3."""
+
+    def track(self, image, stamp_s, exposure_ms):
+        if len(self.seen) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return super().track(image, stamp_s, exposure_ms)
+
+
+def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
+    playback = Playback(lambda image: image + 100.0, InterruptedOdometry(), print)
+    with pytest.raises(KeyboardInterrupt):
+        playback.play(frames(6))
+    assert playback.summary()["frames"] == 4
 
 
 def playback_of(stream):

@@ -1,7 +1,5 @@
 """Small recordings for the tests of the readers."""
 
-import signal
-
 import cv2
 import numpy as np
 import pytest
@@ -13,14 +11,6 @@ STAMPS = [f"1700000001.{index:03d}042017" for index in range(0, 600, 100)]
 def texture(index):
     x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     return (127 + 60 * np.sin((x + 3 * index) / 5) + 60 * np.cos(y / 7)).astype(np.uint8)
-
-
-@pytest.fixture
-def interruptible():
-    """Python's own answer to Ctrl-C: a suite that a script started in the background inherits that it is ignored."""
-    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, inherited)
 
 
 @pytest.fixture

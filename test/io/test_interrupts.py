@@ -3,14 +3,19 @@ import threading
 
 import pytest
 
-from ceiling_dso_ros.io.interrupts import deferred_interrupt
+from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 
 
-def test_an_interrupt_comes_after_the_block(interruptible):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_comes_after_the_block(interruptible, number):
     steps = []
-    with pytest.raises(KeyboardInterrupt), deferred_interrupt():
-        signal.raise_signal(signal.SIGINT)
-        steps.append("finished")
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), deferred_interrupt():
+            signal.raise_signal(number)
+            steps.append("finished")
+    finally:
+        signal.signal(number, before)
     assert steps == ["finished"]
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -34,3 +39,11 @@ def test_in_another_thread():
     thread.start()
     thread.join()
     assert finished
+
+
+def test_what_compiled_code_makes_of_an_interrupt_is_one():
+    wrapped = SystemError("returned a result with an exception set")
+    wrapped.__cause__ = KeyboardInterrupt()
+    assert was_interrupt(wrapped)
+    assert was_interrupt(KeyboardInterrupt())
+    assert not was_interrupt(SystemError("of another kind"))

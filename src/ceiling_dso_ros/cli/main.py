@@ -9,6 +9,7 @@ from typing import NoReturn, Optional, Sequence
 from ceiling_dso_ros import __version__
 from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, run, simulate
 from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -50,6 +51,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     except OutputError as error:
         return _complain(str(error), FAILED)
     except Exception as error:  # the last resort: one line instead of a trace
+        if was_interrupt(error):
+            return _complain("interrupted", INTERRUPTED)
         if sys.flags.dev_mode:
             raise
         return _complain(f"{type(error).__name__}: {error}; python3 -X dev -m ceiling_dso_ros shows where", FAILED)
@@ -58,7 +61,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def interrupt_on_signals() -> None:
     """Let SIGTERM end the process as Ctrl-C does, and Ctrl-C also where a shell's `&` had switched it off."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in INTERRUPTS:
         signal.signal(number, signal.default_int_handler)
 
 

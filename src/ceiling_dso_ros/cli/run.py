@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Optional
 
 from ceiling_dso_ros.cli.output_folder import output_folder
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.interrupts import was_interrupt
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.evaluation.fusing import FusionPlayback
@@ -84,11 +85,8 @@ def execute(options: argparse.Namespace) -> None:
         # disable=None: no bar where stderr is no terminal
         with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
             playback.play(frames)
-    except KeyboardInterrupt:
-        end = "interrupted"
-        raise
-    except Exception as error:
-        end = f"failed: {type(error).__name__}: {error}"
+    except BaseException as error:
+        end = "interrupted" if was_interrupt(error) else f"failed: {type(error).__name__}: {error}"
         raise
     finally:
         playback.write(options.out, end)

@@ -9,6 +9,7 @@ from ceiling_dso_ros.dso import DirectOdometry, TrackingState
 from ceiling_dso_ros.evaluation.fusing import FusionPlayback
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.evaluation.timing import TimingLog
+from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import write_tum
@@ -41,13 +42,14 @@ class Playback:
         self.warnings: List[str] = []
 
     def play(self, frames: Iterable[Union[Frame, SkippedFrame]]) -> None:
-        """Track every frame; whatever the frames or the odometry raise goes through."""
+        """Track every frame; whatever the frames or the odometry raise goes through, Ctrl-C between two frames."""
         for frame in frames:
             if isinstance(frame, SkippedFrame):
                 self.warnings.append(frame.reason)
                 self._warn(frame.reason)
             else:
-                self._track(frame)
+                with deferred_interrupt():
+                    self._track(frame)
         if self._fusion is not None:
             self._fusion.finish()
 

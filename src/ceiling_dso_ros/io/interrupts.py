@@ -1,22 +1,39 @@
-"""Ctrl-C at a moment that does no harm."""
+"""Ctrl-C, or SIGTERM, at a moment that does no harm."""
 
 import signal
 import threading
 from contextlib import contextmanager
-from typing import Iterator, List
+from typing import Iterator, List, Optional
+
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
 def deferred_interrupt() -> Iterator[None]:
-    """Hold Ctrl-C back until the end of the block, so that what is written in it is whole."""
+    """Hold SIGINT and SIGTERM back until the end of the block.
+
+    So that what is written in it is whole, and because compiled code in which the signal's exception is raised makes a
+    SystemError of it.
+    """
     if threading.current_thread() is not threading.main_thread():  # signals only ever reach the main thread
         yield
         return
     received: List[tuple] = []
-    handler = signal.signal(signal.SIGINT, lambda *arguments: received.append(arguments))
+    handlers = {number: signal.signal(number, lambda *arguments: received.append(arguments)) for number in INTERRUPTS}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, handler)
-        if received and callable(handler):
-            handler(*received[0])
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for arguments in received[:1]:
+            if callable(handlers[arguments[0]]):
+                handlers[arguments[0]](*arguments)
+            elif handlers[arguments[0]] == signal.SIG_DFL:
+                signal.raise_signal(arguments[0])
+
+
+def was_interrupt(error: Optional[BaseException]) -> bool:
+    """Whether an error is a KeyboardInterrupt, or what compiled code made of one."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
