@@ -1,6 +1,7 @@
 """Recordings as the odometry has seen them, kept in a folder, since rendering and tracking a drive takes minutes."""
 
 import hashlib
+import itertools
 import pickle
 import sys
 from dataclasses import dataclass, replace
@@ -10,7 +11,8 @@ from typing import Tuple
 from tqdm import tqdm
 
 from ceiling_dso_ros import dso, simulation
-from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus
+from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.evaluation.fusing import FusionPlayback, robot_model
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.simulation.config import SimulationConfig
@@ -19,6 +21,36 @@ from ceiling_dso_ros.simulation.recording import SimulatedRecording
 UNSEEN_EVENTS = ("slip",)
 
 Statuses = Tuple[OdometryStatus, ...]
+
+
+@dataclass(frozen=True)
+class OdometryRun:
+    """How a recording is tracked.
+
+    Attributes:
+        config: the odometry's settings.
+        every: of so many images one is taken.
+        predict: the recording's wheels tell how the camera has moved.
+    """
+
+    config: OdometryConfig = OdometryConfig()
+    every: int = 1
+    predict: bool = False
+
+    def track(self, recording: Recording, name: str) -> Statuses:
+        """What the odometry says of the images."""
+        preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+        odometry = DirectOdometry(recording.calibration.camera, self.config)
+        fusion = FusionPlayback(recording.wheels, robot_model(recording.robot)) if self.predict else None
+        frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
+        statuses = []
+        for frame in itertools.islice((frame for frame in frames if isinstance(frame, Frame)), 0, None, self.every):
+            T_last_camera = fusion.predicted_motion(statuses[-1], frame.stamp_s) if fusion and statuses else None
+            image = preprocess(frame.image)
+            statuses.append(odometry.track(image, frame.stamp_s, frame.exposure_ms, T_last_camera))
+            if fusion is not None:
+                fusion.add(statuses[-1])
+        return tuple(statuses)
 
 
 @dataclass(frozen=True)
@@ -33,12 +65,12 @@ class Kept:
     folder: Path
     fresh: bool = False
 
-    def statuses(self, recording: Recording, name: str) -> Statuses:
+    def statuses(self, recording: Recording, name: str, run: OdometryRun = OdometryRun()) -> Statuses:
         """What the odometry says of every image of a recording that goes by that name in the folder."""
         path, version = self.folder / f"{name}.pickle", _version()
         if self.fresh or not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(pickle.dumps((version, _track(recording, name))))
+            path.write_bytes(pickle.dumps((version, run.track(recording, name))))
         tracked_by, statuses = pickle.loads(path.read_bytes())
         if tracked_by != version:
             print(f"{path}: of another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
@@ -58,17 +90,6 @@ def is_missing(folder: Path) -> bool:
     if not folder.is_dir():
         print(f"{folder} is missing, skipped: set CEILING_DSO_DATA to the folder of the recordings", file=sys.stderr)
     return not folder.is_dir()
-
-
-def _track(recording: Recording, name: str) -> Statuses:
-    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
-    odometry = DirectOdometry(recording.calibration.camera)
-    frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
-    return tuple(
-        odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
-        for frame in frames
-        if isinstance(frame, Frame)
-    )
 
 
 def _version() -> str:

@@ -1,6 +1,5 @@
 """Parts of the fusion's benchmark that need no images: simulated at the level of trajectories, and real wheels."""
 
-import ctypes
 import sys
 import time
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Iterator, List, Tuple
 import numpy as np
 from scipy.stats import chi2
 from support.drives import Kept, is_missing
+from support.memory import resident_mb
 from support.table import Row
 from tqdm import tqdm
 
@@ -53,7 +53,7 @@ def _half_an_hour() -> Tuple[np.ndarray, List[float]]:
     took_s, estimate = 0.0, None
     for stamp_s, is_camera, data in tqdm(drive.events(), desc="timing", unit="event", disable=None):
         if stamp_s - drive.stamps[0] >= 60.0 * len(memory_mb):
-            memory_mb.append(_resident_mb())
+            memory_mb.append(resident_mb())
         start_s = time.process_time()
         if is_camera:
             estimator.add_keyframes(data)
@@ -67,12 +67,6 @@ def _half_an_hour() -> Tuple[np.ndarray, List[float]]:
         if not is_camera:
             took_s = 0.0
     return np.array(updates_ms), memory_mb
-
-
-def _resident_mb() -> float:
-    ctypes.CDLL("libc.so.6").malloc_trim(0)  # what is free but not given back would hide a growth
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * 4096 / 1e6
 
 
 def wheels_lecture_hall(_: Kept, __: int) -> Iterator[Row]:

@@ -45,6 +45,11 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         default=[],
         help="one setting, as in window.max_keyframes=5 or fusion.graph.window=30; may be repeated",
     )
+    parser.add_argument(
+        "--predict",
+        action="store_true",
+        help="let the wheels tell the odometry how the camera has moved: for few images a second",
+    )
     parser.set_defaults(execute=execute)
 
 
@@ -69,6 +74,8 @@ def execute(options: argparse.Namespace) -> None:
     )
     recording = _open_recording(options)
     fusion = _fusion(recording, fusion_config)
+    if options.predict and fusion is None:
+        raise InputError(f"{recording.path}: --predict needs wheels and the robot's dimensions")
     with output_folder(options.out) as folder:
         write_settings(folder / "config.yaml", config)
         if fusion is not None:
@@ -79,6 +86,7 @@ def execute(options: argparse.Namespace) -> None:
         DirectOdometry(recording.calibration.camera, config),
         _warn,
         fusion,
+        options.predict,
     )
     end = "complete"
     try:

@@ -1,11 +1,11 @@
 """Plays a recording's wheels into the fusion beside the odometry, as a robot would deliver them."""
 
 from pathlib import Path
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import OdometryStatus
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
@@ -51,6 +51,18 @@ class FusionPlayback:
         self._play_wheels(status.stamp_s)
         self.estimator.add_keyframes(status)
         self.estimator.add_frame(status)
+
+    def predicted_motion(self, last: OdometryStatus, stamp_s: float) -> Optional[np.ndarray]:
+        """How the camera has moved since the last image, which was added, by the wheels up to the next one.
+
+        Returns:
+            T_last_camera (4, 4), translation in the unit of the last image's segment; None when nothing is known.
+        """
+        self._play_wheels(stamp_s)
+        if last.state is not TrackingState.TRACKING or self.estimator.scale.segment != last.segment:
+            return None
+        motion = self.estimator.predict_camera_motion(last.stamp_s, stamp_s)
+        return None if motion is None else motion.T_start_end
 
     def finish(self) -> None:
         """Take in the wheel samples after the last image."""

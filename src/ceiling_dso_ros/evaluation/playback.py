@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Optional, Union
 
-from ceiling_dso_ros.dso import DirectOdometry, TrackingState
+from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus, TrackingState
 from ceiling_dso_ros.evaluation.fusing import FusionPlayback
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.evaluation.timing import TimingLog
@@ -32,11 +32,15 @@ class Playback:
         odometry: DirectOdometry,
         warn: Callable[[str], None],
         fusion: Optional[FusionPlayback] = None,
+        predict: bool = False,
     ) -> None:
+        """Take the parts of a run; with `predict` the wheels tell the odometry how the camera has moved."""
         self._preprocess = preprocess
         self._odometry = odometry
         self._warn = warn
         self._fusion = fusion
+        self._predict = predict
+        self._last: Optional[OdometryStatus] = None
         self.trajectories = TrajectoryRecorder()
         self.timing = TimingLog()
         self.warnings: List[str] = []
@@ -90,8 +94,12 @@ class Playback:
         start = time.perf_counter()
         image = self._preprocess(frame.image)
         preprocessed = time.perf_counter()
-        status = self._odometry.track(image, frame.stamp_s, frame.exposure_ms)
+        known = {}
+        if self._predict and self._fusion is not None and self._last is not None:
+            known["T_last_camera"] = self._fusion.predicted_motion(self._last, frame.stamp_s)
+        status = self._odometry.track(image, frame.stamp_s, frame.exposure_ms, **known)
         end = time.perf_counter()
+        self._last = status
         self.trajectories.add(status)
         stages_ms = {"undistort": 1e3 * (preprocessed - start), **status.timing_ms}
         self.timing.add(status, 1e3 * (end - start), stages_ms)

@@ -1,0 +1,70 @@
+"""Half an hour of driving: whether memory or time per image grow."""
+
+import json
+import time
+from array import array
+from pathlib import Path
+from typing import Dict, Iterator, List
+
+import numpy as np
+from support.memory import resident_mb
+from support.table import Row
+from support.tracked_drives import TrackedDrives
+from tqdm import tqdm
+
+from ceiling_dso_ros.dso import DirectOdometry, TrackingState
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+from ceiling_dso_ros.io.recording import Frame, Recording
+from ceiling_dso_ros.simulation.config import SimulationConfig
+
+MINUTES = 30
+EARLY, LATE = slice(5, 10), slice(25, 30)  # minutes whose times are compared
+
+
+def long(tracked: TrackedDrives, _: int) -> Iterator[Row]:
+    """A square that closes, driven again and again: the same images with later stamps."""
+    path = tracked.kept.folder / "long_minutes.json"
+    if not path.exists():
+        _drive_on(tracked.rendered.drive(SimulationConfig("square")).recording, path)
+    minutes: Dict[str, List[float]] = json.loads(path.read_text())
+    memory_mb, frame_ms = np.array(minutes["memory_mb"]), np.array(minutes["frame_ms"])
+    subject = f"square, {len(frame_ms)} min"
+    yield Row(subject, "times lost", [sum(minutes["lost"])], 0)
+    yield Row(subject, "memory after minute 5 and at the end, MB", [memory_mb[4], memory_mb[-1]])
+    yield Row(subject, "their ratio", [memory_mb[-1] / memory_mb[4]], 1.05)
+    yield Row(subject, "CPU ms an image, minutes 6 to 10, 26 to 30", [frame_ms[EARLY].mean(), frame_ms[LATE].mean()])
+    yield Row(subject, "their ratio", [frame_ms[LATE].mean() / frame_ms[EARLY].mean()], 1.1)
+    yield Row(subject, "CPU time / time driven", [frame_ms.mean() * 30 / 1000], 1.0)
+
+
+def _drive_on(recording: Recording, out: Path) -> None:
+    """Write memory, processor time per image and losses of each minute."""
+    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+    odometry = DirectOdometry(recording.calibration.camera)
+    minutes: Dict[str, List[float]] = {"memory_mb": [], "frame_ms": [], "lost": []}
+    times_ms, lost = array("d"), 0
+    for frame in tqdm(_laps(recording), desc="long", unit="frame", disable=None):
+        if frame.stamp_s >= 60.0 * (len(minutes["lost"]) + 1):
+            for name, value in (("memory_mb", resident_mb()), ("frame_ms", np.mean(times_ms)), ("lost", lost)):
+                minutes[name].append(float(value))
+            times_ms, lost = array("d"), 0
+            if len(minutes["lost"]) == MINUTES:
+                break
+        start_s = time.process_time()
+        status = odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
+        times_ms.append(1e3 * (time.process_time() - start_s))
+        lost += status.state is TrackingState.LOST
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(minutes))
+
+
+def _laps(recording: Recording) -> Iterator[Frame]:
+    """The recording without end; stamps count from 0."""
+    begin_s = 0.0
+    while True:
+        first_s = None
+        for frame in recording.frames():
+            first_s = frame.stamp_s if first_s is None else first_s
+            last_s = begin_s + frame.stamp_s - first_s
+            yield Frame(last_s, frame.exposure_ms, frame.image)
+        begin_s = last_s + 1.0 / 30.0
