@@ -63,7 +63,8 @@ def test_the_first_map_becomes_points_of_the_first_keyframe(scene):
 def test_keyframes_keep_to_the_truth_and_to_the_size_of_the_window(scene):
     seen = []
     for k in range(1, 8):
-        reference, estimates = scene.keyframe(k)
+        snapshot = scene.keyframe(k)
+        reference, estimates = snapshot.reference, snapshot.keyframes
         window = scene.mapper.window
         assert reference.keyframe_id == 10 + k
         assert {e.segment for e in estimates} == {4}
@@ -72,7 +73,9 @@ def test_keyframes_keep_to_the_truth_and_to_the_size_of_the_window(scene):
         assert window.prior.b.size == 4 + 8 * window.count
         assert window.ids == [e.keyframe_id for e in estimates if not e.leaves]
         seen += [e.keyframe_id for e in estimates if e.leaves]
-        assert scene.mapper.rmse < 5
+        assert snapshot.rmse < 5
+        assert snapshot.stamp_s == pytest.approx(0.1 * k)
+        assert (snapshot.active_points, snapshot.candidate_points) == (window.points.count, window.candidates.count)
         T = se3.exp(k * STEP)
         error = se3.log(reference.T_camera_world @ np.linalg.inv(T))
         assert np.abs(error).max() < 3e-3
@@ -103,9 +106,19 @@ def test_frames_narrow_the_candidates(scene):
 
 def test_poses_are_found_by_the_identity_of_their_keyframe(scene):
     for k in range(1, 6):
-        scene.keyframe(k)
-    for slot, number in enumerate(scene.mapper.window.ids):
-        np.testing.assert_array_equal(scene.mapper.pose_of(number), scene.mapper.window.T_world_camera(slot))
+        snapshot = scene.keyframe(k)
+    window = scene.mapper.window
+    for slot, number in enumerate(window.ids):
+        np.testing.assert_array_equal(scene.mapper.pose_of(number), window.keyframes.T_camera_world[slot])
+        np.testing.assert_array_equal(snapshot.pose_of(number), window.T_world_camera(slot))
+
+
+def test_a_snapshot_stays_as_it_is(scene):
+    snapshot = scene.keyframe(1)
+    before = snapshot.points.positions.copy(), snapshot.pose_of(11).copy()
+    scene.keyframe(2)
+    np.testing.assert_array_equal(snapshot.points.positions, before[0])
+    np.testing.assert_array_equal(snapshot.pose_of(11), before[1])
 
 
 def test_a_keyframe_that_shows_nothing_loses_the_window(scene):

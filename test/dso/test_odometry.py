@@ -1,11 +1,15 @@
 """The whole odometry on a small synthetic flight: accuracy, loss, garbage, repeatability."""
 
+import threading
+from concurrent.futures import wait
+
 import numpy as np
 import pytest
 from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, TrackingState, se3
 from ceiling_dso_ros.dso.config import WindowConfig
+from ceiling_dso_ros.dso.schedulers import LiveScheduler
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
 
 FRAMES = 60
@@ -132,6 +136,49 @@ def test_keyframes_leave_once_and_then_never_come_back(flight):
 
 def test_repeating_gives_the_same_bytes(flight, images):
     same(flight, run(DirectOdometry(CAMERA, CONFIG), images))
+
+
+class HeldScheduler(LiveScheduler):
+    """Lets every task wait until a number of frames have come after it: a mapping that is always behind."""
+
+    def __init__(self, frames):
+        super().__init__()
+        self._frames, self._held = frames, []
+
+    def submit(self, task):
+        ready = threading.Event()
+        self._held.append(ready)
+        super().submit(lambda: ready.wait() and task())
+        for event in self._held[: -self._frames]:
+            event.set()
+        if len(self._held) > self._frames:  # so that the outcome does not depend on the machine
+            wait(list(self._futures)[: -self._frames])
+
+    def wait(self):
+        for event in self._held:
+            event.set()
+        super().wait()
+
+
+@pytest.mark.parametrize("frames_behind", [1, 3])
+def test_tracking_goes_on_while_the_mapping_is_behind(images, frames_behind):
+    scheduler = HeldScheduler(frames_behind)
+    odometry = DirectOdometry(CAMERA, CONFIG, scheduler)
+    statuses = run(odometry, images)
+    found = tracking(statuses)
+    assert sum(found) > 0.7 * FRAMES
+    assert all(found[found.index(True) :])
+    assert ate(statuses, [pose(k) for k in range(FRAMES)]) < 0.01
+    known = {}
+    for status in statuses[found.index(True) :]:
+        known.update({keyframe.keyframe_id: keyframe.stamp_s for keyframe in status.keyframes})
+        assert status.keyframe_id in known  # relative to a keyframe that has been described
+        assert known[status.keyframe_id] <= status.stamp_s
+    late = [status for status in statuses if status.keyframes and not status.is_keyframe]
+    assert len(late) >= 3
+    assert all(status.keyframes[-1].stamp_s < status.stamp_s for status in late)
+    odometry.reset()
+    scheduler.close()
 
 
 def test_reset_gives_the_same_bytes_again(flight, images):

@@ -99,7 +99,7 @@ class Launched:
 
 def test_live_and_offline_agree(bag, tmp_path):
     live, offline = tmp_path / "live", tmp_path / "offline"
-    launched = Launched(bag, tmp_path, f"rate:={SLOWLY}", f"trajectory_dir:={live}")
+    launched = Launched(bag, tmp_path, f"rate:={SLOWLY}", "mapping:=sequential", f"trajectory_dir:={live}")
     launched.wait()
     assert main(["run", str(bag), "--out", str(offline)]) == 0
 

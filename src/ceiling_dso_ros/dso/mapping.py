@@ -13,11 +13,11 @@ from ceiling_dso_ros.dso.candidates import CandidateTable
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.initialization import FirstMap
 from ceiling_dso_ros.dso.keyframe_policy import PointFate, keyframes_to_marginalize
+from ceiling_dso_ros.dso.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.pair_geometry import intrinsic_inverse, intrinsic_matrix
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 from ceiling_dso_ros.dso.selection import PixelSelector
 from ceiling_dso_ros.dso.stage_timer import StageTimer
-from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.dso.tracing_kernels import trace_host
 from ceiling_dso_ros.dso.tracking_reference import ReferenceBuilder, TrackingReference
 from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
@@ -66,7 +66,6 @@ class Mapper:
         self._activator = Activator(self.window, config.window.active_points, config.activation)
         self._references = ReferenceBuilder(pool.shape)
         self._max_search = config.tracing.reach * (camera.width + camera.height)
-        self.rmse = 0.0
 
     @property
     def next_id(self) -> int:
@@ -93,6 +92,10 @@ class Mapper:
             np.zeros(kept.size, np.int64), np.zeros((self.window.points.residuals.live.shape[0], kept.size), np.uint8),
         )  # fmt: skip
 
+    def pose_of(self, keyframe_id: int) -> np.ndarray:
+        """T_camera_world of a keyframe in the window."""
+        return self.window.keyframes.T_camera_world[self.window.ids.index(keyframe_id)].copy()
+
     def trace(self, frame: Frame) -> None:
         """Narrow the depth of all candidates with a new frame."""
         window = self.window
@@ -109,8 +112,8 @@ class Mapper:
                 self._max_search,
             )  # fmt: skip
 
-    def add_keyframe(self, frame: Frame, timer: StageTimer) -> Tuple[TrackingReference, Tuple[KeyframeEstimate, ...]]:
-        """Make a frame, already traced, a keyframe. Returns the reference for the next frames and the refined window.
+    def add_keyframe(self, frame: Frame, timer: StageTimer) -> MapSnapshot:
+        """Make a frame, already traced, a keyframe. Returns the refined map.
 
         Raises:
             WindowLostError: the bundle adjustment has no solution.
@@ -122,8 +125,8 @@ class Mapper:
         with timer.stage("activate"):
             self._activator.activate(window)
         with timer.stage("optimize"):
-            self.rmse = self._adjustment.optimize(window)
-        if not np.isfinite(self.rmse):
+            rmse = self._adjustment.optimize(window)
+        if not np.isfinite(rmse):
             raise WindowLostError("the bundle adjustment has no solution")
         with timer.stage("reference"):
             reference = self._references.build(window)
@@ -138,7 +141,7 @@ class Mapper:
         with timer.stage("marginalize"):
             for slot in reversed(leaving):
                 marginalize_keyframe(window, slot, self._adjustment.affine_information)
-        return reference, estimates
+        return MapSnapshot.of(window, reference, estimates, rmse)
 
     def _idepth_range(self, reference: TrackingReference) -> Tuple[float, float]:
         """Where the inverse depths of new candidates are searched: those of the scene so far, and well around them."""
@@ -166,7 +169,3 @@ class Mapper:
         ):
             window.gone_points[slot] += int(number)
         window.points.keep(~gone)
-
-    def pose_of(self, keyframe_id: int) -> np.ndarray:
-        """T_world_camera of a keyframe in the window."""
-        return self.window.T_world_camera(self.window.ids.index(keyframe_id))

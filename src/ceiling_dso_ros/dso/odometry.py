@@ -1,7 +1,8 @@
 """Direct Sparse Odometry: from images to poses."""
 
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -10,16 +11,26 @@ from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.initialization import Initializer
 from ceiling_dso_ros.dso.keyframe_policy import needs_keyframe
+from ceiling_dso_ros.dso.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.mapping import Frame, Mapper, WindowLostError
 from ceiling_dso_ros.dso.pyramid import PyramidPool
+from ceiling_dso_ros.dso.schedulers import SequentialScheduler
 from ceiling_dso_ros.dso.selection import PixelSelector
 from ceiling_dso_ros.dso.stage_timer import StageTimer
-from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses, pose_covariance
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
-from ceiling_dso_ros.dso.window import KeyframeWindow
 
-EXTRA_IMAGES = 3  # beside the window's: the frame in work, the initialiser's first frame, one that is about to leave
+MAX_BACKLOG = 6  # frames that the mapping may have before it; further ones are not traced
+# Beside the window's: the frame in work, the initialiser's first frame, one that is about to leave, and the backlog.
+EXTRA_IMAGES = 3 + MAX_BACKLOG
+
+
+class MappingResult(NamedTuple):
+    """What the mapping made of a frame; a snapshot where it became a keyframe."""
+
+    timing_ms: Dict[str, float]
+    snapshot: Optional[MapSnapshot]
 
 
 class DirectOdometry:
@@ -27,16 +38,24 @@ class DirectOdometry:
 
     Frames are first collected until there is parallax for a map, then each is tracked against the newest keyframe;
     those that moved enough become keyframes themselves. When tracking fails, the next frame starts a new segment.
+
+    With a LiveScheduler the mapping works beside the tracking. The status of an image then does not wait for its
+    keyframe: it has the tracked pose, and the refined window comes with the status of a later image.
     """
 
-    def __init__(self, camera: PinholeCamera, config: OdometryConfig = OdometryConfig()) -> None:
+    def __init__(
+        self, camera: PinholeCamera, config: OdometryConfig = OdometryConfig(),
+        scheduler: Optional[SequentialScheduler] = None,
+    ) -> None:  # fmt: skip
         config.check()
         self.camera = camera
         self.config = config
+        self._scheduler = SequentialScheduler() if scheduler is None else scheduler
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: the next image starts segment 0."""
+        self._scheduler.discard()
         self._pool = PyramidPool(self.camera, self.config.window.max_keyframes + 1 + EXTRA_IMAGES)
         self._selector = PixelSelector(self._pool)
         self._tracker = FrameTracker(self._pool, self.config.tracking)
@@ -46,9 +65,9 @@ class DirectOdometry:
         self._start_over()
 
     @property
-    def window(self) -> KeyframeWindow:
-        """The map as it stands after the last image; read only, and other with the next one."""
-        return self._mapper.window
+    def map(self) -> Optional[MapSnapshot]:
+        """The map as it was refined last; None while a segment has none."""
+        return self._map
 
     def track(
         self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float] = None,
@@ -66,20 +85,18 @@ class DirectOdometry:
         self._timer = StageTimer()
         with self._timer.stage("pyramid"):
             frame = self._new_frame(image, stamp_s, exposure_ms)
-        if self._reference is None:
-            with self._timer.stage("initialize"):
-                return self._initialize(frame)
-        with self._timer.stage("track"):
-            tracked = self._track(frame, T_last_camera)
-        if tracked is None:
-            return self._lose(frame, "no motion explains this image")
-        frame = self._located(frame, tracked)
-        with self._timer.stage("trace"):
-            self._mapper.trace(frame)
-        if self._needs_keyframe(frame, tracked):
-            return self._make_keyframe(frame, tracked)
-        self._pool.release(frame.image_slot)
-        return self._remember(frame, tracked)
+        try:
+            self._take_in_map()
+            if self._map is None:
+                with self._timer.stage("initialize"):
+                    return self._initialize(frame)
+            with self._timer.stage("track"):
+                tracked = self._track(frame, T_last_camera)
+            if tracked is None:
+                return self._lose(frame, "no motion explains this image")
+            return self._place(replace(frame, affine=tracked.affine), tracked)
+        except WindowLostError as error:
+            return self._lose(frame, str(error))
 
     def _new_frame(self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float]) -> Frame:
         if image.shape != (self.camera.height, self.camera.width):
@@ -102,13 +119,14 @@ class DirectOdometry:
         if first_map is None:
             self._pool.release(frame.image_slot)
             return self._without_pose(frame, TrackingState.INITIALIZING, "waiting for parallax")
+        first_id = self._mapper.next_id
         self._mapper.begin(self._first, first_map)
         affine = np.array([first_map.log_gain - np.log(frame.exposure / self._first.exposure), first_map.offset])
-        T = first_map.T_frame_first @ self._first.T_camera_world
-        self._first_rmse = np.inf
-        frame = replace(frame, T_camera_world=T, affine=affine)
-        self._history = [(self._mapper.window.ids[0], np.eye(4))]
-        return self._make_keyframe(frame, None)
+        self._hand_over(replace(frame, affine=affine), first_id, first_map.T_frame_first, is_keyframe=True)
+        self._scheduler.wait()
+        self._take_in_map()
+        self._history = [(first_id, np.eye(4))]
+        return self._remember(self._refined(frame), self._map.reference, is_keyframe=True)
 
     def _start_from(self, frame: Frame, message: str) -> OdometryStatus:
         self._initializer.start(frame.image_slot, self._selector)
@@ -118,21 +136,31 @@ class DirectOdometry:
     # Tracking
 
     def _track(self, frame: Frame, T_last_camera: Optional[np.ndarray]) -> Optional[TrackedFrame]:
-        T_reference_world = self._reference.T_camera_world
-        last, previous = (self._mapper.pose_of(keyframe) @ T for keyframe, T in (self._history[-1], self._history[0]))
-        T_last_reference = se3.inverse(T_reference_world @ last)
+        reference = self._map.reference
+        last, previous = (self._map.pose_of(keyframe) @ T for keyframe, T in (self._history[-1], self._history[0]))
+        T_last_reference = se3.inverse(reference.T_camera_world @ last)
         T_last_previous = se3.inverse(last) @ previous
         hypotheses = motion_hypotheses(T_last_reference, T_last_previous, T_last_camera)
         return self._tracker.track(
-            frame.image_slot, frame.exposure, self._reference, hypotheses, self._last_affine, self._last_rmse
+            frame.image_slot, frame.exposure, reference, hypotheses, self._last_affine, self._last_rmse
         )
 
-    def _located(self, frame: Frame, tracked: TrackedFrame) -> Frame:
-        T_camera_world = tracked.T_frame_reference @ self._reference.T_camera_world
-        return replace(frame, T_camera_world=T_camera_world, affine=tracked.affine)
+    def _place(self, frame: Frame, tracked: TrackedFrame) -> OdometryStatus:
+        """Put a tracked frame into the world and hand it to the mapping."""
+        reference = self._map.reference
+        is_keyframe = self._needs_keyframe(frame, tracked)
+        frame = replace(frame, T_camera_world=tracked.T_frame_reference @ reference.T_camera_world)
+        self._hand_over(frame, reference.keyframe_id, tracked.T_frame_reference, is_keyframe)
+        self._take_in_map()
+        if self._map.stamp_s == frame.stamp_s:
+            frame, reference = self._refined(frame), self._map.reference
+        return self._remember(frame, reference, is_keyframe, tracked)
 
     def _lose(self, frame: Frame, reason: str) -> OdometryStatus:
         """Give up the segment; the next image starts another one."""
+        self._scheduler.wait()
+        with suppress(WindowLostError):
+            self._take_in_map()
         self._pool.release_all()
         status = self._without_pose(frame, TrackingState.LOST, reason)
         self._segment += 1
@@ -143,22 +171,53 @@ class DirectOdometry:
     # Mapping
 
     def _needs_keyframe(self, frame: Frame, tracked: TrackedFrame) -> bool:
+        if self._keyframe_pending:
+            return False
         if not np.isfinite(self._first_rmse):
             self._first_rmse = tracked.rmse
         diagonal = self.camera.width + self.camera.height
         return needs_keyframe(
-            tracked, frame.exposure, self._reference, self._first_rmse, diagonal, self.config.keyframe
+            tracked, frame.exposure, self._map.reference, self._first_rmse, diagonal, self.config.keyframe
         )
 
-    def _make_keyframe(self, frame: Frame, tracked: Optional[TrackedFrame]) -> OdometryStatus:
-        try:
-            self._reference, estimates = self._mapper.add_keyframe(frame, self._timer)
-        except WindowLostError as error:
-            return self._lose(frame, str(error))
-        self._first_rmse = np.inf
-        refined = replace(frame, T_camera_world=self._reference.T_camera_world, affine=self._reference.affine)
-        status = self._remember(refined, tracked)
-        return replace(status, is_keyframe=True, keyframes=estimates)
+    def _hand_over(self, frame: Frame, keyframe_id: int, T_frame_keyframe: np.ndarray, is_keyframe: bool) -> None:
+        """Let the mapping trace a frame, and make it a keyframe."""
+        self._keyframe_pending |= is_keyframe
+        if is_keyframe or self._scheduler.backlog < MAX_BACKLOG:
+            self._scheduler.submit(lambda: self._map_frame(frame, keyframe_id, T_frame_keyframe, is_keyframe))
+        else:
+            self._pool.release(frame.image_slot)
+
+    def _map_frame(
+        self, frame: Frame, keyframe_id: int, T_frame_keyframe: np.ndarray, is_keyframe: bool
+    ) -> MappingResult:
+        timer = StageTimer()
+        # The keyframe may have been refined since the frame was tracked against it.
+        frame = replace(frame, T_camera_world=T_frame_keyframe @ self._mapper.pose_of(keyframe_id))
+        with timer.stage("trace"):
+            self._mapper.trace(frame)
+        if is_keyframe:
+            return MappingResult(timer.timing_ms, self._mapper.add_keyframe(frame, timer))
+        self._pool.release(frame.image_slot)
+        return MappingResult(timer.timing_ms, None)
+
+    def _take_in_map(self) -> None:
+        """Go on with what the mapping has finished.
+
+        Raises:
+            WindowLostError: the bundle adjustment has no solution.
+        """
+        for result in self._scheduler.take_results():
+            self._timer.add(result.timing_ms)
+            if result.snapshot is not None:
+                self._map = result.snapshot
+                self._news = result.snapshot.keyframes
+                self._keyframe_pending = False
+                self._first_rmse = np.inf
+
+    def _refined(self, frame: Frame) -> Frame:
+        reference = self._map.reference
+        return replace(frame, T_camera_world=reference.T_camera_world, affine=reference.affine)
 
     # State
 
@@ -167,16 +226,21 @@ class DirectOdometry:
         self._mapper = Mapper(
             self.camera, self.config, self._pool, self._selector, self._segment, self._next_keyframe_id
         )
-        self._reference: Optional[TrackingReference] = None
+        self._map: Optional[MapSnapshot] = None
+        self._keyframe_pending = False
+        self._news: Tuple[KeyframeEstimate, ...] = ()  # refined keyframes that no status has told of
         self._history: List[Tuple[int, np.ndarray]] = []  # (keyframe, T_keyframe_camera) of the last two frames
         self._last_affine = np.zeros(2)
         self._last_rmse = np.inf
+        self._first_rmse = np.inf  # of the first frame that was tracked on the newest keyframe
 
-    def _remember(self, frame: Frame, tracked: Optional[TrackedFrame]) -> OdometryStatus:
-        T_keyframe_camera = self._reference.T_camera_world @ se3.inverse(frame.T_camera_world)
-        self._history = [*self._history[-1:], (self._reference.keyframe_id, T_keyframe_camera)]
+    def _remember(
+        self, frame: Frame, reference: TrackingReference, is_keyframe: bool, tracked: Optional[TrackedFrame] = None
+    ) -> OdometryStatus:
+        T_keyframe_camera = reference.T_camera_world @ se3.inverse(frame.T_camera_world)
+        self._history = [*self._history[-1:], (reference.keyframe_id, T_keyframe_camera)]
         self._last_affine = frame.affine
-        self._last_rmse = tracked.rmse if tracked is not None else self._mapper.rmse
+        self._last_rmse = tracked.rmse if tracked is not None else self._map.rmse
         self._last_pose = se3.inverse(frame.T_camera_world)
         return OdometryStatus(
             stamp_s=frame.stamp_s,
@@ -184,19 +248,22 @@ class DirectOdometry:
             segment=self._segment,
             T_world_camera=self._last_pose,
             covariance=None if tracked is None else pose_covariance(tracked, frame.T_camera_world),
-            keyframe_id=self._reference.keyframe_id,
+            is_keyframe=is_keyframe,
+            keyframe_id=reference.keyframe_id,
             T_keyframe_camera=T_keyframe_camera,
             rmse=self._last_rmse,
-            **self._counts(),
+            **self._common(),
         )
 
     def _without_pose(self, frame: Frame, state: TrackingState, message: str) -> OdometryStatus:
-        return OdometryStatus(frame.stamp_s, state, self._segment, message=message, **self._counts())
+        return OdometryStatus(frame.stamp_s, state, self._segment, message=message, **self._common())
 
-    def _counts(self) -> Dict[str, Any]:
-        window = self.window
+    def _common(self) -> Dict[str, Any]:
+        """What every status says."""
+        keyframes, self._news = self._news, ()
         return {
-            "active_points": window.points.count,
-            "candidate_points": window.candidates.count,
+            "keyframes": keyframes,
+            "active_points": 0 if self._map is None else self._map.active_points,
+            "candidate_points": 0 if self._map is None else self._map.candidate_points,
             "timing_ms": self._timer.timing_ms,
         }

@@ -2,7 +2,7 @@
 
 import time
 from contextlib import contextmanager
-from typing import Dict, Iterator
+from typing import Dict, Iterator, Mapping
 
 
 class StageTimer:
@@ -18,4 +18,9 @@ class StageTimer:
         try:
             yield
         finally:
-            self.timing_ms[name] = self.timing_ms.get(name, 0.0) + 1e3 * (time.perf_counter() - start)
+            self.add({name: 1e3 * (time.perf_counter() - start)})
+
+    def add(self, timing_ms: Mapping[str, float]) -> None:
+        """Add the stages of another timer."""
+        for name, milliseconds in timing_ms.items():
+            self.timing_ms[name] = self.timing_ms.get(name, 0.0) + milliseconds

@@ -25,7 +25,7 @@ class KeyframeEstimate:
         segment: the segment it belongs to.
         T_world_camera: (4, 4) float64, VO units, VO world.
         affine: brightness parameters (a, b) of equation (4).
-        leaves: True when it is marginalised with this frame, so this estimate is its last.
+        leaves: True when it has been marginalised, so this estimate is its last.
     """
 
     keyframe_id: int
@@ -49,7 +49,7 @@ class OdometryStatus:
         is_keyframe: the frame became a keyframe.
         keyframe_id: the keyframe the pose is relative to, -1 without a pose.
         T_keyframe_camera: (4, 4) float64 pose relative to that keyframe; None without a pose.
-        keyframes: the window's keyframes as refined with this frame; empty when the window did not change.
+        keyframes: the window's keyframes as refined since the last status; empty when the window did not change.
         rmse: photometric error of the tracking, grey levels; nan without a pose.
         active_points, candidate_points: how many the window holds.
         timing_ms: milliseconds of each stage.

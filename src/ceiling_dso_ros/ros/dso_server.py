@@ -12,7 +12,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
-from ceiling_dso_ros.dso.map_points import map_points
+from ceiling_dso_ros.dso.map_snapshot import NO_POINTS
+from ceiling_dso_ros.dso.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
@@ -76,6 +77,8 @@ class DsoServer:
         calibration: camera.txt in the TUM-mono layout, instead of camera_info; empty by default.
         rectified: images are those that P of camera_info describes, not K and D; false by default.
         settings: yaml file with settings of the odometry; empty by default.
+        mapping: live (default), beside the tracking, so that a pose never waits for it; or sequential, which gives what
+            `run` gives with every image that is not dropped.
         motion_prediction: let the wheels predict the camera's motion; false by default, as then a bag gives the same
             poses however fast the machine is.
         frame_id: world of the visual odometry; vo by default.
@@ -93,6 +96,7 @@ class DsoServer:
         """
         transport = parameters.choice("image_transport", "raw", ("raw", "compressed"))
         self._config = parameters.settings(OdometryConfig)
+        mapping = parameters.choice("mapping", "live", ("live", "sequential"))
         self._frame_id = parameters.frame("frame_id", "vo")
         self._camera_frame_id = parameters.frame("camera_frame_id", "")
         self._rectified = parameters.flag("rectified", False)
@@ -115,6 +119,7 @@ class DsoServer:
         self._used_calibration: Optional[CameraCalibration] = None  # what the next two were made from
         self._preprocess: Optional[ImagePreprocessor] = None
         self._odometry: Optional[DirectOdometry] = None
+        self._scheduler = LiveScheduler() if mapping == "live" else SequentialScheduler()
         self._recorder = TrajectoryRecorder()
 
         if calibration_file is not None:
@@ -134,6 +139,7 @@ class DsoServer:
             if message is not None:
                 with self._lock:
                     self._process(message)
+        self._scheduler.close()
         if self._trajectory_dir is not None:
             print(save(self._trajectory_dir, self._trajectories()))
 
@@ -226,8 +232,8 @@ class DsoServer:
         camera_frame_id = self._camera_frame(message)
         self._publisher.publish(header, camera_frame_id, status)
         if self._map.wants(status):
-            camera, points = self._odometry.camera, map_points(self._odometry)
-            self._map.publish(header, camera_frame_id, image, camera, status, points)
+            points = NO_POINTS if self._odometry.map is None else self._odometry.map.points
+            self._map.publish(header, camera_frame_id, image, self._odometry.camera, status, points)
         return status_message(header, status)
 
     def _camera_frame(self, message: AnyImage) -> str:
@@ -239,7 +245,8 @@ class DsoServer:
             rospy.logwarn("the camera's calibration changed: starting anew")
         self._used_calibration = calibration
         self._preprocess = ImagePreprocessor(calibration)
-        self._odometry = DirectOdometry(self._preprocess.camera, self._config)
+        self._scheduler.discard()
+        self._odometry = DirectOdometry(self._preprocess.camera, self._config, self._scheduler)
         self._start_anew()
         rospy.loginfo(f"tracking images of {calibration.lens} as {self._preprocess.camera}")
 

@@ -3,7 +3,6 @@ import numpy as np
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
-from ceiling_dso_ros.dso.map_points import map_points
 from ceiling_dso_ros.dso.warmup import textured_plane
 
 CAMERA = PinholeCamera(200.0, 200.0, 159.5, 119.5, 320, 240)
@@ -12,7 +11,7 @@ WINDOW = WindowConfig(max_keyframes=3, min_keyframes=2, candidate_points=300, ac
 
 def test_no_points_before_the_first_map():
     odometry = DirectOdometry(CAMERA)
-    assert len(map_points(odometry).positions) == 0
+    assert odometry.map is None
 
 
 def test_points_lie_on_the_surface_that_is_seen():
@@ -22,7 +21,7 @@ def test_points_lie_on_the_surface_that_is_seen():
         status = odometry.track(textured_plane(CAMERA, 0.012 * frame), float(frame))
         if status.state is TrackingState.TRACKING and frame > 40:
             break
-    points = map_points(odometry)
+    points = odometry.map.points
     assert len(points.positions) == status.active_points
     assert len(points.grey) == len(points.positions)
     depths = points.positions[:, 2]  # the camera moves sideways, so its z axis is the world's
