@@ -40,7 +40,6 @@ DATA = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "dat
 START_S = START_NS * 1e-9
 WHEELS = WheelErrors(radius=0.0, ratio=0.01, wheel_base=0.01, travel_noise_m=0.002)
 REPORT_MARGIN_S = 0.5  # a report within so much of a slip is of that slip
-COVERED_DRIVES = 3
 NOTICED_S = 0.2  # a covered lens must be noticed within
 LATE_S = 0.02  # of the camera's stamps in the drive to calibrate from
 MISMOUNTED_DEG, MISPLACED_M = (1.0, -1.0, 4.0), (0.03, -0.03, 0.05)  # what is believed before calibrating
@@ -94,15 +93,13 @@ def _is_of(report: SlipReport, burst: Event) -> bool:
 
 def cover(kept: Kept, seeds: int) -> Iterator[Row]:
     """Loops with the lens covered for 5 s."""
-    pairs = [
-        (drive(kept, "loops", seed), drive(kept, "loops", seed, "cover")) for seed in range(min(seeds, COVERED_DRIVES))
-    ]
+    pairs = [(drive(kept, "loops", seed), drive(kept, "loops", seed, "cover")) for seed in range(seeds)]
     covered = [run for _, run in pairs]
     (burst,) = covered[0].recording.simulation.events
     start_s, end_s = START_S + burst.start_s, START_S + burst.end_s
     gaps = [np.diff([state.stamp_s for state in run.playback.states]).max() for run in covered]
     told = [_share_told(run, start_s + NOTICED_S, end_s) for run in covered]
-    added = [run.end_error_m() - clear.end_error_m() for clear, run in pairs]
+    added = [run.end_apart_m(clear) for clear, run in pairs]
     yield Row("loops, cover", "longest time between outputs, s", gaps, 0.021)
     yield Row("loops, cover", "largest jump beyond the motion, mm", [1e3 * run.largest_jump_m() for run in covered], 20)
     yield Row("loops, cover", "outputs that tell of it, %", told, low=100.0)

@@ -106,10 +106,9 @@ class FusedRun:
         ]
         return float(np.hypot(*np.transpose(errors)).max())
 
-    def end_error_m(self) -> float:
-        """Distance of the last output from the truth, both from the start."""
-        stamps_s, poses = self.published()
-        return float(np.hypot(*(poses[-1] - self.true_poses(stamps_s[-1:])[0])[:2]))
+    def end_apart_m(self, other: "FusedRun") -> float:
+        """Distance of the last output from that of another run over the same way."""
+        return float(np.hypot(*(self.published()[1][-1] - other.published()[1][-1])[:2]))
 
     def wheel_drift_m(self, start_s: float, end_s: float) -> float:
         """How far off the end would be with the wheels' motion instead of the true one between two stamps."""

@@ -60,7 +60,7 @@ class TrackedRun:
 
     @property
     def final_ate_m(self) -> float:
-        """Root mean square of the position errors of all segments, poses on their refined keyframes."""
+        """Root mean square of the position errors of all segments, on refined keyframes; inf without poses."""
         return _ate_m(self._final.values())
 
     @property
@@ -70,8 +70,9 @@ class TrackedRun:
 
     @property
     def final_ate_percent(self) -> float:
-        """Share of the path of all segments."""
-        return 100.0 * self.final_ate_m / sum(evaluation.path_m for evaluation in self._final.values())
+        """Share of the path of all segments, inf without any."""
+        path_m = sum(evaluation.path_m for evaluation in self._final.values())
+        return 100.0 * self.final_ate_m / path_m if path_m > 0 else np.inf
 
     @property
     def tracked_percent(self) -> float:
@@ -85,12 +86,13 @@ class TrackedRun:
     def motion_without_pose_s(self, start_s: float = np.inf, end_s: float = -np.inf) -> float:
         """Longest time in motion between two poses, not counted from start_s to end_s, the time of an event.
 
-        What is missing at the end counts; what comes before the first pose does not.
+        What is missing at the end counts; what comes before the first pose does not, unless there is none.
         """
         moving = self._moving_s()
         moving[(self._stamps_s >= start_s) & (self._stamps_s <= end_s)] = 0.0
+        begin = self.first_pose if self._tracking.any() else 0
         longest = gap = 0.0
-        for tracking, step_s in zip(self._tracking[self.first_pose :], moving[self.first_pose :]):
+        for tracking, step_s in zip(self._tracking[begin:], moving[begin:]):
             gap = 0.0 if tracking else gap + step_s
             longest = max(longest, gap)
         return longest
