@@ -8,11 +8,13 @@ from synthetic import CAMERA, POSES, SLANTED
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.pattern import PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.residual_kernels import (
+    LivePoints,
     add_combination,
     add_dots,
     combine,
     dot4,
     fill_jacobian,
+    gather_live,
     pixel_sums,
     projection_jacobian,
     sum_pattern,
@@ -92,17 +94,16 @@ def test_sums_over_the_pattern(error):
     KRKi, Kt = (K @ T[:3, :3] @ np.linalg.inv(K)).astype(np.float32), (K @ T[:3, 3]).astype(np.float32)
     gain, offset, host_offset = np.float32(1.1), np.float32(-5), np.float32(3)
     sums = pixel_sums(n)
-    sum_pattern(
-        image.ravel(), 320, 240, KRKi, Kt, gain, offset, host_offset, u, v, idepth, grey, weight, 2, n, sums
-    )  # fmt: skip
-    for i in range(2, n):
+    points = LivePoints(np.arange(n), u, v, idepth, grey, weight)
+    sum_pattern(image.ravel(), 320, 240, KRKi, Kt, gain, offset, host_offset, points, n, sums)
+    for i in range(n):
         expected = expected_sums(
             image, u[i], v[i], idepth[i], grey[:, i], weight[:, i], gain, offset, host_offset, T
         )  # fmt: skip
         bound = {"r": np.sqrt(expected["energy"] * expected["gradient"])}
         for name, value in expected.items():
-            assert getattr(sums, name)[i - 2] == pytest.approx(value, rel=2e-3, abs=1e-3 * bound["r"] + 0.05), name
-        assert sums.in_bounds[i - 2] == 1
+            assert getattr(sums, name)[i] == pytest.approx(value, rel=2e-3, abs=1e-3 * bound["r"] + 0.05), name
+        assert sums.in_bounds[i] == 1
 
 
 @pytest.mark.parametrize(
@@ -115,9 +116,9 @@ def test_a_pattern_that_leaves_the_image_is_out_of_bounds(u, v, idepth, inside):
     image, sums = np.zeros(320 * 240, np.float32), pixel_sums(1)
     one, zero = np.float32(1), np.float32(0)
     eight = np.ones((8, 1), np.float32)
+    points = LivePoints(np.zeros(1, int), *args, eight, eight)
     sum_pattern(
-        image, 320, 240, np.eye(3, dtype=np.float32), np.zeros(3, np.float32), one, zero, zero, *args, eight, eight,
-        0, 1, sums,
+        image, 320, 240, np.eye(3, dtype=np.float32), np.zeros(3, np.float32), one, zero, zero, points, 1, sums
     )  # fmt: skip
     assert sums.in_bounds[0] == inside
 
@@ -129,11 +130,24 @@ def test_a_point_behind_the_camera_is_out_of_bounds():
     eight = np.ones((8, 1), np.float32)
     # twice the depth back: z = -1, and the pixel itself is back in the image
     Kt = -2 * np.array([160, 120, 1], np.float32)
-    sum_pattern(
-        image, 320, 240, np.eye(3, dtype=np.float32), Kt, one, zero, zero, *args, eight, eight, 0, 1, sums
-    )  # fmt: skip
+    points = LivePoints(np.zeros(1, int), *args, eight, eight)
+    sum_pattern(image, 320, 240, np.eye(3, dtype=np.float32), Kt, one, zero, zero, points, 1, sums)
     assert sums.in_bounds[0] == 0
     assert np.isfinite(sums.energy[0])
+
+
+def test_live_points_are_gathered_in_order():
+    rng = np.random.default_rng(0)
+    u, v, idepth = rng.normal(size=(3, 9)).astype(np.float32)
+    grey, weight = rng.normal(size=(2, 8, 9)).astype(np.float32)
+    points = LivePoints.of_capacity(6)
+    count = gather_live(np.array([0, 1, 1, 0, 1, 0], np.uint8), u, v, idepth, grey, weight, 2, points)
+    assert points.index[:count].tolist() == [1, 2, 4]
+    which = [3, 4, 6]
+    for ours, source in ((points.u, u), (points.v, v), (points.idepth, idepth)):
+        np.testing.assert_array_equal(ours[:count], source[which])
+    np.testing.assert_array_equal(points.grey[:, :count], grey[:, which])
+    np.testing.assert_array_equal(points.weight[:, :count], weight[:, which])
 
 
 def test_vector_helpers():

@@ -7,10 +7,10 @@ import numpy as np
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.jit import kernel
 from ceiling_dso_ros.dso.linear_solver import solve_positive
-from ceiling_dso_ros.dso.linearization import Scratch, add_pair, classify
+from ceiling_dso_ros.dso.linearization import Scratch, add_pair, sum_pair
 from ceiling_dso_ros.dso.pair_geometry import intrinsic_inverse, intrinsic_matrix
 from ceiling_dso_ros.dso.points import PointArrays, ResidualArrays
-from ceiling_dso_ros.dso.residual_kernels import COLUMNS, sum_pattern
+from ceiling_dso_ros.dso.residual_kernels import COLUMNS
 from ceiling_dso_ros.dso.tracking_kernels import step_size
 
 PARAMETERS = 8  # translation, rotation, gain (as a log), offset
@@ -29,13 +29,10 @@ def linearize_level(
     K, K_inverse = intrinsic_matrix(intrinsics), intrinsic_inverse(intrinsics)
     R, t = np.ascontiguousarray(T_frame_first[:3, :3]), np.ascontiguousarray(T_frame_first[:3, 3])
     KRKi, Kt = (K @ R @ K_inverse).astype(np.float32), (K @ t).astype(np.float32)
-    sum_pattern(
-        image, width, height, KRKi, Kt, np.float32(math.exp(brightness[0])), np.float32(brightness[1]), np.float32(0),
-        points.u, points.v, points.idepth, points.grey, points.weight, 0, count, scratch.sums,
-    )  # fmt: skip
-    energy, in_view = classify(
-        residuals.live[0, :count], residuals.state[0, :count], residuals.energy[0, :count],
-        np.float32(threshold), scratch.sums,
+    energy, in_view = sum_pair(
+        residuals.live[0, :count], 0, points, image, width, height, KRKi, Kt, np.float32(math.exp(brightness[0])),
+        np.float32(brightness[1]), np.float32(0), np.float32(threshold), residuals.state[0, :count],
+        residuals.energy[0, :count], scratch,
     )  # fmt: skip
     points.idepth_hessian[:count] = 0
     points.idepth_gradient[:count] = 0

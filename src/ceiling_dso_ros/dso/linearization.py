@@ -20,11 +20,13 @@ from ceiling_dso_ros.dso.residual_kernels import (
     COLUMNS,
     GEOMETRY,
     MIN_GRADIENT,
+    LivePoints,
     PixelSums,
     add_combination,
     add_dots,
     combine,
     fill_jacobian,
+    gather_live,
     pixel_sums,
     sum_pattern,
 )
@@ -35,12 +37,15 @@ class Scratch(NamedTuple):
     """Memory that one linearisation works in; float32.
 
     Attributes:
-        sums: per residual of a pair.
+        live, live_sums: the points of a pair with live residuals, and the sums of these.
+        sums: per point of the host, zero where there is no inlier.
         jacobian_x, jacobian_y: (11, capacity) geometry and idepth columns.
         weighted_x, weighted_y: (13, capacity) the same times the weights, with gain, offset and residual.
         depth_rows, scaled_rows: (4 + 8 slots + 1, capacity) rows for the Schur complement.
     """
 
+    live: LivePoints
+    live_sums: PixelSums
     sums: PixelSums
     jacobian_x: np.ndarray
     jacobian_y: np.ndarray
@@ -54,37 +59,61 @@ def scratch_memory(slots: int, capacity: int) -> Scratch:
     """Scratch for hosts of up to `capacity` points in a window of `slots` keyframes."""
     schur_rows = INTRINSICS + RELATIVE_PARAMETERS * slots + 1
     rows = (GEOMETRY + 1, GEOMETRY + 1, COLUMNS, COLUMNS, schur_rows, schur_rows)
-    return Scratch(pixel_sums(capacity), *(np.zeros((r, capacity), np.float32) for r in rows))
+    memory = LivePoints.of_capacity(capacity), pixel_sums(capacity), pixel_sums(capacity)
+    return Scratch(*memory, *(np.zeros((r, capacity), np.float32) for r in rows))
 
 
 @kernel
-def classify(live: np.ndarray, state: np.ndarray, energy: np.ndarray, threshold: np.float32, sums: PixelSums) -> tuple:
-    """Decide which residuals of a pair are inliers and silence the others' sums.
+def classify(
+    index: np.ndarray, live_sums: PixelSums, threshold: np.float32, state: np.ndarray, energy: np.ndarray,
+    sums: PixelSums,
+) -> tuple:  # fmt: skip
+    """Decide which live residuals of a pair are inliers and spread the sums of those over the host's points.
+
+    Args:
+        index: (live residuals,) which point each belongs to.
+        state, energy, sums: of all points; the sums are zero but for inliers.
 
     Returns:
         Sum of energies, outliers counted with the threshold, and the number of live residuals in the image.
     """
-    total, count = np.float32(0), 0
-    for i in range(live.size):
-        active = np.float32(0)
-        if live[i]:
-            if sums.in_bounds[i] == 0:
-                state[i] = OUT_OF_BOUNDS
-            else:
-                energy[i] = sums.energy[i]
-                count += 1
-                if sums.energy[i] > threshold or sums.gradient[i] < MIN_GRADIENT:
-                    state[i] = OUTLIER
-                    total += threshold
-                else:
-                    state[i] = INLIER
-                    total += sums.energy[i]
-                    active = np.float32(1)
-        if active == 0:
-            sums.gxx[i] = sums.gxy[i] = sums.gyy[i] = 0
-            sums.dx[i] = sums.dy[i] = sums.ox[i] = sums.oy[i] = sums.rx[i] = sums.ry[i] = 0
-            sums.dd[i] = sums.do[i] = sums.oo[i] = sums.dr[i] = sums.or_[i] = 0
+    total, count, n = np.float32(0), 0, state.size
+    for array in sums:
+        array[:n] = 0
+    for k in range(index.size):
+        i = index[k]
+        if live_sums.in_bounds[k] == 0:
+            state[i] = OUT_OF_BOUNDS
+            continue
+        energy[i] = live_sums.energy[k]
+        count += 1
+        if live_sums.energy[k] > threshold or live_sums.gradient[k] < MIN_GRADIENT:
+            state[i] = OUTLIER
+            total += threshold
+        else:
+            state[i] = INLIER
+            total += live_sums.energy[k]
+            for array, live_array in zip(sums, live_sums):
+                array[i] = live_array[k]
     return total, count
+
+
+@kernel
+def sum_pair(
+    live: np.ndarray, first: int, points: PointArrays, image: np.ndarray, width: int, height: int, KRKi: np.ndarray,
+    Kt: np.ndarray, gain: np.float32, offset: np.float32, host_offset: np.float32, threshold: np.float32,
+    state: np.ndarray, energy: np.ndarray, scratch: Scratch,
+) -> tuple:  # fmt: skip
+    """Sums of the inliers of one pair into scratch.sums; live, state and energy are of the host's points.
+
+    Returns:
+        As `classify`.
+    """
+    count = gather_live(live, points.u, points.v, points.idepth, points.grey, points.weight, first, scratch.live)
+    sum_pattern(
+        image, width, height, KRKi, Kt, gain, offset, host_offset, scratch.live, count, scratch.live_sums
+    )  # fmt: skip
+    return classify(scratch.live.index[:count], scratch.live_sums, threshold, state, energy, scratch.sums)
 
 
 @kernel
@@ -155,15 +184,12 @@ def linearize_host(
     for target in range(n):
         if target == host:
             continue
-        sum_pattern(
-            images[keyframes.image_slot[target]], width, height, pairs.KRKi[host, target], pairs.Kt[host, target],
-            pairs.gain[host, target], pairs.offset[host, target], np.float32(keyframes.affine_eval[host, 1]),
-            points.u, points.v, points.idepth, points.grey, points.weight, first, last, scratch.sums,
-        )  # fmt: skip
         threshold = max(keyframes.energy_threshold[host], keyframes.energy_threshold[target])
-        pair_energy, pair_count = classify(
-            residuals.live[target, first:last], residuals.state[target, first:last],
-            residuals.energy[target, first:last], threshold, scratch.sums,
+        pair_energy, pair_count = sum_pair(
+            residuals.live[target, first:last], first, points, images[keyframes.image_slot[target]], width, height,
+            pairs.KRKi[host, target], pairs.Kt[host, target], pairs.gain[host, target], pairs.offset[host, target],
+            np.float32(keyframes.affine_eval[host, 1]), threshold, residuals.state[target, first:last],
+            residuals.energy[target, first:last], scratch,
         )  # fmt: skip
         energy += pair_energy
         count += pair_count

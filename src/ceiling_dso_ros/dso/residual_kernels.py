@@ -47,6 +47,28 @@ class PixelSums(NamedTuple):
     in_bounds: np.ndarray
 
 
+class LivePoints(NamedTuple):
+    """The points of a host that have a live residual in one target, gathered to stand next to each other.
+
+    Attributes:
+        index: (capacity,) int64 which of the host's points they are.
+        u, v, idepth: (capacity,) float32; grey, weight: (8, capacity) float32.
+    """
+
+    index: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    idepth: np.ndarray
+    grey: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of_capacity(cls, capacity: int) -> "LivePoints":
+        """Scratch memory for hosts of up to `capacity` points."""
+        rows, patterns = np.zeros((3, capacity), np.float32), np.zeros((2, PATTERN_SIZE, capacity), np.float32)
+        return cls(np.zeros(capacity, np.int64), *rows, *patterns)
+
+
 def pixel_sums(capacity: int) -> PixelSums:
     """Scratch memory for hosts of up to `capacity` points."""
     return PixelSums(*(np.zeros(capacity, np.float32) for _ in PixelSums._fields))
@@ -100,21 +122,48 @@ def add_pixel(
         sums.in_bounds[i] = sums.in_bounds[i] if inside else ZERO
 
 
+@kernel_noalias
+def take(source: np.ndarray, index: np.ndarray, out: np.ndarray) -> None:
+    """Set out[k] to source[index[k]]."""
+    for k in range(out.size):
+        out[k] = source[index[k]]
+
+
+@kernel
+def gather_live(
+    live: np.ndarray, u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray, weight: np.ndarray,
+    first: int, points: LivePoints,
+) -> int:  # fmt: skip
+    """Gather a host's points, from `first` on, whose entry in live is not zero; returns their number."""
+    count = 0
+    for i in range(live.size):
+        if live[i]:
+            points.index[count] = i
+            count += 1
+    last = first + live.size
+    index = points.index[:count]
+    take(u[first:last], index, points.u[:count])
+    take(v[first:last], index, points.v[:count])
+    take(idepth[first:last], index, points.idepth[:count])
+    for p in range(PATTERN_SIZE):
+        take(grey[p, first:last], index, points.grey[p, :count])
+        take(weight[p, first:last], index, points.weight[p, :count])
+    return count
+
+
 @kernel
 def sum_pattern(
     image: np.ndarray, width: int, height: int, KRKi: np.ndarray, Kt: np.ndarray, gain: np.float32, offset: np.float32,
-    host_offset: np.float32, u: np.ndarray, v: np.ndarray, idepth: np.ndarray,
-    grey: np.ndarray, weight_host: np.ndarray, first: int, last: int, sums: PixelSums,
+    host_offset: np.float32, points: LivePoints, count: int, sums: PixelSums,
 ) -> None:  # fmt: skip
-    """Fill the sums of points [first, last) of a host; grey and weight_host are (8, capacity)."""
-    n = last - first
+    """Fill the sums of the first `count` points."""
     for array in sums:
-        array[:n] = ZERO
-    sums.in_bounds[:n] = ONE
+        array[:count] = ZERO
+    sums.in_bounds[:count] = ONE
     for p in range(PATTERN_SIZE):
         add_pixel(
-            image, width, height, KRKi, Kt, gain, offset, host_offset, PATTERN_X[p], PATTERN_Y[p],
-            u[first:last], v[first:last], idepth[first:last], grey[p, first:last], weight_host[p, first:last], sums,
+            image, width, height, KRKi, Kt, gain, offset, host_offset, PATTERN_X[p], PATTERN_Y[p], points.u[:count],
+            points.v[:count], points.idepth[:count], points.grey[p, :count], points.weight[p, :count], sums,
         )  # fmt: skip
 
 
