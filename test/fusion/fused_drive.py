@@ -69,11 +69,16 @@ def fuse_drive(drive, config=FusionConfig(), keep_history=True):
     return Fused(drive, estimator, states, np.array(wheel_poses), scales)
 
 
-def drawn_runs(count, seconds):
+def drawn_runs(count, seconds, losses=()):
     """Errors at the end of runs whose truth is drawn from what the settings say of it.
 
+    Args:
+        count, seconds: how many runs, and how long they are.
+        losses: times from start to end when the camera sees nothing.
+
     Yields:
-        (3,) error of x, y, yaw, its (3, 3) covariance, error of the log-scale, its sigma.
+        (3,) arc from the pose to the true one, its (3, 3) covariance, error of the log-scale, its sigma. Who turns
+        wrong and drives on errs along a bow in x and y, which no covariance of x and y describes, but one of arcs does.
     """
     rng, wheels = np.random.default_rng(7), WheelConfig()
     for seed in range(count):
@@ -83,10 +88,12 @@ def drawn_runs(count, seconds):
             radius=wheels.radius_sigma * rng.normal(),
             wheel_noise=wheels.noise_m_per_sqrt_m,
             unit_m=4.5 * np.exp(0.2 * rng.normal()),
+            losses=losses,
         )
         fused = fuse_drive(simulate_drive(("loops", "square")[seed % 2], seconds, seed, drawn), keep_history=False)
         last = fused.states[-1]
         true = fused.drive.pose_at(last.stamp_s)
-        error = np.array([*(last.pose - true)[:2], planar.wrap(last.pose[2] - true[2])])
+        error = planar.logmap(planar.between(last.pose, true))
+        covariance = planar.rotate_covariance(last.covariance, -last.pose[2])
         _, key, scale = fused.scales[-1]
-        yield error, last.covariance, np.log(scale.value / fused.drive.metres_per_unit[key]), scale.sigma
+        yield error, covariance, np.log(scale.value / fused.drive.metres_per_unit[key]), scale.sigma

@@ -231,6 +231,19 @@ def test_a_covered_lens_is_reported_and_the_wheels_go_on(simulate, truth, fuse):
     assert np.hypot(*(fused.poses[-1] - fused.truth(fused.stamps[-1:])[0])[:2]) < drift + 0.02 + yaw_lever(fused, 17.0)
 
 
+@pytest.mark.parametrize("seconds", [5.0, 14.0])  # the latter longer than single steps are remembered
+def test_what_the_wheels_did_of_late_bridges_a_covered_lens(simulate, truth, fuse, seconds):
+    """Their wrong constants turn the wheels by 0.02 rad a metre; as seen beside the camera before, by far less."""
+    end_s = 15.0 + seconds
+    true = truth(ratio=0.01, base=0.01, wheel_noise=5e-4, losses=((15.0, end_s),))
+    fused = fuse(simulate("loops", end_s + 4.0, 5, true))
+    blind = slice(*np.searchsorted(fused.stamps - fused.drive.stamps[0], [15.0, end_s]))
+    yaws = np.unwrap(fused.truth(fused.stamps[blind])[:, 2])
+    wheels, published = (np.unwrap(poses[blind, 2]) - yaws for poses in (fused.wheel_poses, fused.poses))
+    assert abs(published[-1] - published[0]) < 0.6 * abs(wheels[-1] - wheels[0])
+    assert largest_jump(fused) < 0.01  # the graph bridges as the live estimate did
+
+
 def drift_of_wheels(fused, start_s, end_s):
     """Error of the wheels' motion over an interval."""
     first, last = np.searchsorted(fused.stamps - fused.drive.stamps[0], [start_s, end_s])

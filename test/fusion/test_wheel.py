@@ -173,3 +173,25 @@ def test_real_dead_reckoning_errs_as_its_covariance_says():
     normalised = np.abs(lecture_hall.normalised_errors())
     assert np.mean((normalised < 3.0).all(axis=1)) >= 0.95
     assert np.median(normalised, axis=0).min() > 0.05  # nor is the covariance idle
+
+
+def test_a_corrected_step_is_that_of_the_true_wheels():
+    ratio, base = 0.01, -0.02
+    nominal, true = (
+        odometry(),
+        odometry(
+            wheel_radius_m=(RADIUS * np.exp(-ratio / 2), RADIUS * np.exp(ratio / 2)), wheel_base_m=BASE * np.exp(base)
+        ),
+    )
+    (_, seen), (_, expected) = (drive(wheels, [(0, 0), (250, 400)]) for wheels in (nominal, true))
+    corrected = nominal.noise.corrected(seen, np.array([ratio, base]))
+    np.testing.assert_allclose(corrected.twist, expected.twist, rtol=2e-3)
+    assert corrected.twist[2] > 1.03 * seen.twist[2]
+
+
+def test_the_way_of_a_circle_is_not_its_chord():
+    wheels, turn = odometry(), 4.0 * np.pi
+    for k in range(401):
+        wheels.add_ticks(0.1 * k, *np.round(np.array([1.0 - BASE / 2, 1.0 + BASE / 2]) * turn * k / 400 / TICK_M))
+    assert np.hypot(*wheels.total.pose[:2]) < 0.05
+    assert wheels.noise.way_m(wheels.total) == pytest.approx(turn * (1.0 + BASE / 2), rel=0.01)

@@ -37,8 +37,23 @@ def test_motion_between_two_stamps_cuts_the_outer_steps():
 def test_the_motion_since_the_mark_outlives_the_horizon():
     track, steps = filled(30.0, horizon_s=2.0)
     np.testing.assert_allclose(track.since_mark(29.5).pose, motion_over(steps, 0.0, 29.5).pose, atol=1e-9)
-    track.mark(29.5)
+    track.mark(29.5, np.zeros(2))
     np.testing.assert_allclose(track.since_mark(29.9).pose, motion_over(steps, 29.5, 29.9).pose, atol=1e-9)
+
+
+@pytest.mark.parametrize("horizon_s", [2.0, 20.0])
+def test_the_corrected_motion_is_that_of_corrected_steps_however_old(horizon_s):
+    constants, (_, steps) = np.array([0.02, -0.01]), filled(15.0)
+    track = WheelTrack(NOISE, horizon_s)
+    for step in steps:
+        track.add(step)
+        if step.end_s == 2.5:
+            track.mark(2.5, constants)
+    expected = motion_over([NOISE.corrected(step, constants) for step in steps], 2.5, 14.9)
+    found = track.corrected_since_mark(14.9)
+    np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
+    np.testing.assert_allclose(found.noise, expected.noise, atol=1e-9)
+    assert abs(found.pose[2] - track.since_mark(14.9).pose[2]) > 0.4
 
 
 def test_memory_is_bounded_while_no_mark_is_set():

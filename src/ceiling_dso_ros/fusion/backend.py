@@ -16,6 +16,7 @@ from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.state import ScaleState
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+from ceiling_dso_ros.fusion.wheel_bias import WheelBias
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 
@@ -37,6 +38,7 @@ class KeyframeBackend:
         self._noise = noise
         self._graph = WindowGraph(config, noise, keep_history)
         self._chain = KeyframeChain()
+        self._bias = WheelBias(noise, config.visual.yaw_sigma_rad)
         self.monitor = SlipMonitor(config, noise)
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
@@ -82,16 +84,16 @@ class KeyframeBackend:
         wheels = track.since_mark(stamp_s)
         if wheels is None:
             return False
+        visual = self._motion_to(keyframe)
         interval = self._judged(
-            Interval(
-                self._graph.newest + 1, stamp_s, wheels, self._motion_to(keyframe), self._chain.continues(keyframe)
-            )
+            Interval(self._graph.newest + 1, stamp_s, wheels, visual, self._chain.continues(keyframe))
         )
-        track.mark(stamp_s)
-        self._graph.add(interval)
+        self._bias.learn(interval)
+        self._graph.add(self._bridged(interval, track))
+        track.mark(stamp_s, self._bias.constants)
         self._chain.link(interval.end, keyframe)
         self._mend_jump(interval)
-        self.estimate = self._graph.optimize()
+        self.estimate = self._estimate()
         self._judge_scale()
         return True
 
@@ -143,6 +145,12 @@ class KeyframeBackend:
         known = self.scale_known and interval.continues
         return replace(interval, wheels_slip=self.monitor.slips(interval, found, known))
 
+    def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
+        """Where the camera saw nothing: with the wheels as they have been of late."""
+        if interval.visual is not None or self._config.graph.estimate_wheels:
+            return interval
+        return replace(interval, wheels=self._bias.bridge(track.corrected_since_mark(interval.stamp_s)))
+
     def _mend_jump(self, newest: Interval) -> None:
         """After a jump of the visual scale: begin a new scale there, and believe the wheels again."""
         start = self.monitor.scale_jump()
@@ -153,6 +161,13 @@ class KeyframeBackend:
         for end in range(start, newest.end + 1):
             self._graph.revise(end, wheels_slip=False)
         self.monitor.forget(next(i.wheels.start_s for i in self._graph.intervals if i.end == start))
+
+    def _estimate(self) -> GraphEstimate:
+        """By the graph; unless that estimates the wheels' constants, with those that the wheels have had of late."""
+        estimate = self._graph.optimize()
+        if self._config.graph.estimate_wheels:
+            return estimate
+        return replace(estimate, constants=self._bias.constants, constants_covariance=self._bias.covariance)
 
     def _judge_scale(self) -> None:
         """Known below one sigma, unknown above another, as before in between."""

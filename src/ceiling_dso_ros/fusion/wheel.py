@@ -6,7 +6,7 @@ ratio of the radii, wheel base) through the derivative of the pose by their loga
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, Optional, Tuple
 
 import numpy as np
@@ -96,6 +96,10 @@ class WheelNoise:
         base = self.wheel_base_m
         return np.array([[forward, 0.25 * base * turn, 0.0], [left, 0.0, 0.0], [turn, forward / base, -turn]])
 
+    def corrected(self, step: WheelStep, constants: np.ndarray) -> WheelStep:
+        """The step by wheels with (2,) logarithms of ratio and base relative to nominal."""
+        return replace(step, twist=step.twist + self.sensitivity(step.twist)[:, 1:] @ constants)
+
     def extend(self, motion: WheelMotion, step: WheelStep) -> WheelMotion:
         """The motion with one more step."""
         back = planar.adjoint(planar.expmap(-step.twist))
@@ -107,6 +111,10 @@ class WheelNoise:
             back @ motion.noise @ back.T + J @ self.white(step) @ J.T,
             back @ motion.jacobian + J @ self.sensitivity(step.twist),
         )
+
+    def way_m(self, motion: WheelMotion) -> float:
+        """How far the wheels rolled, ahead and turning taken apart, less what they rolled back."""
+        return self.wheel_base_m * (abs(motion.jacobian[2, 1]) + 0.5 * abs(motion.jacobian[2, 2]))
 
     def constants_covariance(self, with_radius: bool) -> np.ndarray:
         """(3, 3) prior of (ln mean radius, ln ratio, ln wheel base); the radius taken as exact without with_radius."""

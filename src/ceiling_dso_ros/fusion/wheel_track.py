@@ -1,7 +1,9 @@
 """The recent wheel steps, from which the motion between any two recent stamps can be had."""
 
 from collections import deque
-from typing import Deque, List, Optional
+from typing import Deque, List, Optional, Sequence
+
+import numpy as np
 
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 
@@ -19,6 +21,8 @@ class WheelTrack:
         self._horizon_s = horizon_s
         self._steps: Deque[WheelStep] = deque()
         self._since_mark: Optional[WheelMotion] = None
+        self._corrected: Optional[WheelMotion] = None
+        self._constants = np.zeros(2)
 
     @property
     def empty(self) -> bool:
@@ -38,7 +42,7 @@ class WheelTrack:
     def add(self, step: WheelStep) -> None:
         """Append the newest step."""
         if self._since_mark is None:
-            self._since_mark = WheelMotion.nothing(step.start_s)
+            self.mark(step.start_s, self._constants)
         self._steps.append(step)
         while self._steps[0].end_s < step.end_s - self._horizon_s:
             self._fold(self._steps.popleft())
@@ -56,24 +60,38 @@ class WheelTrack:
 
     def motion(self, start_s: float, end_s: float) -> WheelMotion:
         """The remembered motion within [start_s, end_s]."""
-        return self._extend(WheelMotion.nothing(start_s), end_s)
+        return self._extend(WheelMotion.nothing(start_s), self.steps(start_s, end_s))
 
     def since_mark(self, end_s: float) -> Optional[WheelMotion]:
         """The motion from the mark to a stamp; None when the stamp is before the mark, forgotten or still to come."""
         if self._since_mark is None or not self._since_mark.end_s <= end_s <= self.end_s:
             return None
-        return self._extend(self._since_mark, end_s)
+        return self._extend(self._since_mark, self.steps(self._since_mark.end_s, end_s))
 
-    def mark(self, stamp_s: float) -> None:
-        """Begin the motion since the mark anew at a stamp that `since_mark` has accepted."""
-        self._since_mark = WheelMotion.nothing(stamp_s)
+    def corrected_since_mark(self, end_s: float) -> WheelMotion:
+        """The same, of a stamp that `since_mark` accepts, by wheels with the mark's constants."""
+        return self._extend(self._corrected, self._correct(self.steps(self._corrected.end_s, end_s)))
 
-    def _extend(self, motion: WheelMotion, end_s: float) -> WheelMotion:
-        for step in self.steps(motion.end_s, end_s):
+    def mark(self, stamp_s: float, constants: np.ndarray) -> None:
+        """Begin the motion since the mark anew.
+
+        Args:
+            stamp_s: one that `since_mark` has accepted.
+            constants: (2,) logarithms of wheel ratio and base relative to nominal, for `corrected_since_mark`.
+        """
+        self._since_mark = self._corrected = WheelMotion.nothing(stamp_s)
+        self._constants = constants
+
+    def _correct(self, steps: Sequence[WheelStep]) -> List[WheelStep]:
+        return [self._noise.corrected(step, self._constants) for step in steps]
+
+    def _extend(self, motion: WheelMotion, steps: Sequence[WheelStep]) -> WheelMotion:
+        for step in steps:
             motion = self._noise.extend(motion, step)
         return motion
 
     def _fold(self, step: WheelStep) -> None:
         part = step.clip(self._since_mark.end_s, step.end_s)
         if part is not None:
-            self._since_mark = self._noise.extend(self._since_mark, part)
+            self._since_mark = self._extend(self._since_mark, [part])
+            self._corrected = self._extend(self._corrected, self._correct([part]))

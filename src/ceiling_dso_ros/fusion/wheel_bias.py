@@ -1,0 +1,65 @@
+"""How the wheels have erred of late, learnt beside the camera, to bridge the times when it sees nothing.
+
+The configured constants stay as they are. What load, tyres and floor make of them is a slowly varying state c =
+logarithms of wheel ratio and wheel base relative to nominal. It returns to nominal over a way (first-order
+Gauss-Markov) and shows in the camera's yaw psi against the wheels' phi:
+
+    c' = a c + w,    a = exp(-way / WANDER_WAY_M),    cov w = (1 - a^2) P_0,    psi - phi = J_phi c + v
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.graph import Interval
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+
+WANDER_WAY_M = 100.0  # of the wheels; what was learnt so long ago says little of now
+
+
+class WheelBias:
+    """Kalman filter of c over the intervals between keyframes.
+
+    Args:
+        noise: error model of the wheels; its sigmas of the constants are those of c before anything is learnt.
+        yaw_sigma_rad: of the camera between two keyframes.
+    """
+
+    def __init__(self, noise: WheelNoise, yaw_sigma_rad: float) -> None:
+        self._noise = noise
+        self._yaw_variance = yaw_sigma_rad**2
+        self._prior = noise.constants_covariance(with_radius=False)[1:, 1:]
+        self._filter = KalmanFilter(dim_x=2, dim_z=1)
+        self._filter.inv = np.reciprocal  # of a (1, 1) matrix
+        self._filter.P = self._prior
+
+    @property
+    def constants(self) -> np.ndarray:
+        """(2,) c."""
+        return self._filter.x.ravel()
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(2, 2) of c."""
+        return self._filter.P
+
+    def learn(self, interval: Interval) -> None:
+        """Take in the newest interval, its wheels uncorrected; without camera, or of slip, it tells nothing."""
+        wheels = interval.wheels
+        kept = math.exp(-self._noise.way_m(wheels) / WANDER_WAY_M)
+        self._filter.predict(F=kept * np.eye(2), Q=(1.0 - kept**2) * self._prior)
+        if interval.visual is None or interval.wheels_slip:
+            return
+        variance = wheels.noise[2, 2] + self._noise.resolution[2, 2] + self._yaw_variance
+        turn = planar.wrap(interval.visual.yaw - wheels.pose[2])
+        self._filter.update(turn, R=variance, H=wheels.jacobian[2:, 1:])
+
+    def bridge(self, corrected: WheelMotion) -> WheelMotion:
+        """A motion that was corrected by c, with the error that c still has among its noise."""
+        by_constants = corrected.jacobian[:, 1:]
+        noise = corrected.noise + by_constants @ self.covariance @ by_constants.T
+        radius_alone = corrected.jacobian * [1.0, 0.0, 0.0]
+        return replace(corrected, noise=noise, jacobian=radius_alone)
