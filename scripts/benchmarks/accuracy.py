@@ -155,6 +155,7 @@ def main() -> int:
     if options.fresh:
         shutil.rmtree(options.out / "tracked", ignore_errors=True)
     tracked = TrackedDrives(RenderedDrives(options.out / "drives"), Kept(options.out / "tracked"))
+    options.out.mkdir(parents=True, exist_ok=True)
     rows: List[Row] = []
     for name in options.only:
         of_part = list(PARTS[name](tracked, options.seeds))

@@ -1,0 +1,103 @@
+"""A fast part of `scripts/bench accuracy`: short drives and half the image size, so wider limits."""
+
+import json
+
+import accuracy
+import numpy as np
+import pytest
+from support.drives import Kept, OdometryRun
+from support.rendered import RenderedDrives
+from support.table import Row
+from support.tracked_drives import TrackedDrives
+
+from ceiling_dso_ros.simulation.camera import CameraModel
+from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
+from ceiling_dso_ros.simulation.simulation import START_NS
+
+SMALL = CameraModel(width=424, height=240)
+START_S = START_NS * 1e-9
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("accuracy")
+    return TrackedDrives(RenderedDrives(folder / "drives"), Kept(folder / "tracked"))
+
+
+@pytest.fixture(scope="module")
+def drive(tracked):
+    def track(sequence, seconds, *events, variant="", **run):
+        config = SimulationConfig(sequence, duration_s=seconds, camera=SMALL, events=events)
+        return tracked.drive(config, OdometryRun(**run), variant)
+
+    return track
+
+
+@pytest.mark.long
+def test_drives_are_accurate_and_never_lost(drive):
+    square = drive("square", 10.0)
+    assert square.lost == 0
+    assert square.tracked_percent == 100.0
+    assert square.motion_before_first_pose_s() < 1.0
+    assert square.final_ate_percent < 0.1
+
+
+@pytest.mark.long
+def test_half_and_a_fifth_of_the_images_do(drive):
+    square = drive("square", 10.0)
+    for hz in (15, 6):
+        fewer = drive("square", 10.0, variant=f" {hz} Hz", every=30 // hz)
+        assert len(fewer.statuses) == pytest.approx(len(square.statuses) * hz / 30, abs=1)
+        assert fewer.lost == 0
+        assert fewer.final_ate_m < 3.0 * square.final_ate_m
+
+
+@pytest.mark.long
+def test_standing_still_costs_nothing(drive):
+    run = drive("stop_and_go", 10.0)
+    assert run.lost == 0
+    assert run.final_ate_m < 0.005
+
+
+@pytest.mark.long
+def test_lamps_that_flicker_and_go_out(drive):
+    run = drive("square", 10.0, "flicker@4+2", "lights_off@7")
+    assert run.motion_without_pose_s() < accuracy.RECOVERY_S
+    assert run.final_ate_percent < 0.5
+
+
+@pytest.mark.long
+def test_a_covered_lens_is_told_and_got_over(drive):
+    cover = START_S + 4.0, START_S + 7.0
+    run = drive("square", 11.0, "cover@4+3")
+    assert run.lost >= 1
+    assert all(not loss.endswith(": ") for loss in run.losses())
+    assert run.tracking_within(cover[0] + COVER_SLIDE_S, cover[1]) == 0
+    assert run.tracking_within(START_S + 2.0, cover[0]) > 50
+    assert run.motion_without_pose_s(*cover) < accuracy.RECOVERY_S
+
+
+def test_what_was_rendered_and_tracked_is_kept(tracked):
+    config = SimulationConfig("spin", duration_s=0.6, camera=SMALL)
+    first = tracked.drive(config)
+    bag = tracked.rendered.folder / "spin_factory_0_0.6s.bag"
+    written_ns = bag.stat().st_mtime_ns
+    again = tracked.drive(config)
+    assert bag.stat().st_mtime_ns == written_ns
+    assert [s.stamp_s for s in again.statuses] == [s.stamp_s for s in first.statuses]
+    assert first.first_pose == len(first.statuses)  # it stands for a second
+
+
+def test_a_part_leaves_its_figures(tmp_path, monkeypatch, capsys):
+    def part(_, seeds):
+        yield Row("square", "times lost", np.arange(seeds), 1)
+        yield Row("square", "images", [7])
+
+    monkeypatch.setattr(accuracy, "PARTS", {"part": part})
+    monkeypatch.setattr("sys.argv", ["accuracy", "--out", str(tmp_path / "out"), "--seeds", "3"])
+    assert accuracy.main() == 1
+    assert "NO" in capsys.readouterr().out
+    lost, images = json.loads((tmp_path / "out" / "part.json").read_text())
+    assert (lost["values"], lost["high"], lost["low"], lost["holds"]) == ([0.0, 1.0, 2.0], 1, None, False)
+    assert (images["high"], images["holds"]) == (None, True)
