@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import wait
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -263,6 +264,33 @@ def test_a_broken_first_image_does_not_spoil_the_flight(images):
     odometry = DirectOdometry(CAMERA, CONFIG)
     run(odometry, [GARBAGE["black"]])
     assert run(odometry, images, first=1)[-1].state is TrackingState.TRACKING
+
+
+def with_setting(part, **values):
+    return replace(CONFIG, **{part: replace(getattr(CONFIG, part), **values)})
+
+
+def test_a_first_map_that_explains_nothing_is_not_taken(images):
+    """All images of this flight are explained much better than the limit; here the limit is set lower."""
+    statuses = run(DirectOdometry(CAMERA, with_setting("initialization", max_rmse=0.01)), images)
+    assert {status.state for status in statuses} == {TrackingState.INITIALIZING}
+    assert {status.segment for status in statuses} == {0}
+    assert any("does not explain" in status.message for status in statuses)
+    assert not any(status.keyframes for status in statuses)
+
+
+@pytest.mark.parametrize(
+    ("part", "values", "message"),
+    [
+        ("tracking", {"min_texture": 1e9}, "too little texture"),
+        ("window", {"active_points": 5000, "min_active_share": 0.5}, "too few"),
+    ],
+)
+def test_what_is_too_weak_to_be_believed_is_a_loss(images, part, values, message):
+    statuses = run(DirectOdometry(CAMERA, with_setting(part, **values)), images)
+    lost = [status for status in statuses if status.state is TrackingState.LOST]
+    assert lost
+    assert all(message in status.message and status.T_world_camera is None for status in lost)
 
 
 def test_a_jump_to_another_place_is_a_loss(images):

@@ -25,6 +25,7 @@ class WindowConfig:
     min_keyframes: int = 5  # fewer are never marginalised for want of points
     candidate_points: int = 1500  # new ones per keyframe
     active_points: int = 2000  # in the whole window
+    min_active_share: float = 0.1  # with a smaller share of them the map is lost
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -34,6 +35,7 @@ class WindowConfig:
             f"window.min_keyframes={self.min_keyframes}: 2 to window.max_keyframes ({self.max_keyframes})",
         )
         require(50 <= self.candidate_points <= 20000, f"window.candidate_points={self.candidate_points}: 50 to 20000")
+        require(0 <= self.min_active_share < 1, f"window.min_active_share={self.min_active_share}: 0 to 1")
         require(50 <= self.active_points <= 20000, f"window.active_points={self.active_points}: 50 to 20000")
 
 
@@ -45,6 +47,7 @@ class InitializationConfig:
     min_translation: float = 1.0 / 60.0  # of the mean depth, before depths are trusted
     frames_after_snap: int = 5
     max_frames: int = 300  # without a map the first frame is replaced
+    max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
     translation_coupling: float = 22500.0  # and the translation to zero
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
@@ -59,6 +62,7 @@ class InitializationConfig:
             0.001 <= self.min_translation <= 1,
             f"initialization.min_translation={self.min_translation}: 0.001 to 1 of the mean depth",
         )
+        require(self.max_rmse > 0, f"initialization.max_rmse={self.max_rmse}: positive grey levels")
 
 
 @dataclass(frozen=True)
@@ -69,10 +73,12 @@ class TrackingConfig:
     affine_a_information: float = 0.0  # per point, pulls a towards the keyframe's
     affine_b_information: float = 0.0
     max_rmse_growth: float = 1.5  # a hypothesis is given up, or found good, relative to the best known error
+    min_texture: float = 1.5  # squared gradient over that of noise, along the worst motion; below it a frame is lost
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         require(self.cutoff > 0, f"tracking.cutoff={self.cutoff}: positive grey levels")
+        require(self.min_texture >= 0, f"tracking.min_texture={self.min_texture}: not negative")
         require(self.max_rmse_growth > 1, f"tracking.max_rmse_growth={self.max_rmse_growth}: above 1")
 
 

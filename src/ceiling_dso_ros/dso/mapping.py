@@ -116,7 +116,7 @@ class Mapper:
         """Make a frame, already traced, a keyframe. Returns the refined map.
 
         Raises:
-            WindowLostError: the bundle adjustment has no solution.
+            WindowLostError: the bundle adjustment has no solution, or too few points are left.
         """
         window = self.window
         leaving = keyframes_to_marginalize(window, se3.inverse(frame.T_camera_world)[:3, 3], self._config.window)
@@ -128,6 +128,8 @@ class Mapper:
             rmse = self._adjustment.optimize(window)
         if not np.isfinite(rmse):
             raise WindowLostError("the bundle adjustment has no solution")
+        if window.points.count < self._config.window.min_active_share * self._config.window.active_points:
+            raise WindowLostError(f"{window.points.count} points are too few for a map")
         with timer.stage("reference"):
             reference = self._references.build(window)
         estimates = window.estimates(self._segment, tuple(leaving))

@@ -18,8 +18,9 @@ from ceiling_dso_ros.dso.schedulers import SequentialScheduler
 from ceiling_dso_ros.dso.selection import PixelSelector
 from ceiling_dso_ros.dso.stage_timer import StageTimer
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses, pose_covariance
+from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.uncertainty import world_covariance
 
 MAX_BACKLOG = 6  # frames that the mapping may have before it; further ones are not traced
 # Beside the window's: the frame in work, the initialiser's first frame, one that is about to leave, and the backlog.
@@ -94,6 +95,8 @@ class DirectOdometry:
                 tracked = self._track(frame, T_last_camera)
             if tracked is None:
                 return self._lose(frame, "no motion explains this image")
+            if tracked.weakest < self.config.tracking.min_texture:
+                return self._lose(frame, "too little texture: a motion of the camera cannot be told from noise")
             return self._place(replace(frame, affine=tracked.affine), tracked)
         except WindowLostError as error:
             return self._lose(frame, str(error))
@@ -125,6 +128,8 @@ class DirectOdometry:
         self._hand_over(replace(frame, affine=affine), first_id, first_map.T_frame_first, is_keyframe=True)
         self._scheduler.wait()
         self._take_in_map()
+        if self._map.rmse > self.config.initialization.max_rmse:
+            return self._reject_map(frame)
         self._history = [(first_id, np.eye(4))]
         return self._remember(self._refined(frame), self._map.reference, is_keyframe=True)
 
@@ -132,6 +137,14 @@ class DirectOdometry:
         self._initializer.start(frame.image_slot, self._selector)
         self._first = replace(frame, T_camera_world=se3.inverse(self._last_pose))
         return self._without_pose(frame, TrackingState.INITIALIZING, message)
+
+    def _reject_map(self, frame: Frame) -> OdometryStatus:
+        """Try again with the next image as the first one: no pose has been given yet."""
+        message = f"the first map does not explain the images ({self._map.rmse:.1f} grey levels): starting again"
+        self._news = ()
+        status = self._without_pose(frame, TrackingState.INITIALIZING, message)
+        self._abandon_map()
+        return status
 
     # Tracking
 
@@ -161,11 +174,9 @@ class DirectOdometry:
         self._scheduler.wait()
         with suppress(WindowLostError):
             self._take_in_map()
-        self._pool.release_all()
         status = self._without_pose(frame, TrackingState.LOST, reason)
         self._segment += 1
-        self._next_keyframe_id = self._mapper.next_id
-        self._start_over()
+        self._abandon_map()
         return status
 
     # Mapping
@@ -221,6 +232,11 @@ class DirectOdometry:
 
     # State
 
+    def _abandon_map(self) -> None:
+        self._pool.release_all()
+        self._next_keyframe_id = self._mapper.next_id
+        self._start_over()
+
     def _start_over(self) -> None:
         self._initializer = Initializer(self._pool, self.camera.parameters, self.config.initialization)
         self._mapper = Mapper(
@@ -247,7 +263,7 @@ class DirectOdometry:
             state=TrackingState.TRACKING,
             segment=self._segment,
             T_world_camera=self._last_pose,
-            covariance=None if tracked is None else pose_covariance(tracked, frame.T_camera_world),
+            covariance=None if tracked is None else world_covariance(tracked.covariance, frame.T_camera_world),
             is_keyframe=is_keyframe,
             keyframe_id=reference.keyframe_id,
             T_keyframe_camera=T_keyframe_camera,

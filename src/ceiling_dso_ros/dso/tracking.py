@@ -11,6 +11,7 @@ from ceiling_dso_ros.dso.config import TrackingConfig
 from ceiling_dso_ros.dso.pyramid import PyramidPool, level_intrinsics
 from ceiling_dso_ros.dso.tracking_kernels import align, mean_squared_flow
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.uncertainty import Observability, unit_information
 
 ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
 MIN_STEP = 0.03  # pixels of the level, at the image's centre
@@ -18,6 +19,7 @@ MAX_SATURATED = 0.6  # share of points above the cutoff beyond which it is doubl
 MAX_GAIN_LOG = 1.2
 MAX_OFFSET = 200.0
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
+UNIT_STRIDE = 8
 SEARCH_ANGLE = 0.02  # rad
 
 
@@ -31,7 +33,8 @@ class TrackedFrame:
         rmse: photometric error on the finest level, grey levels.
         saturated: share of points whose error exceeds the cutoff there.
         translation_flow, motion_flow: mean squared flow in pixels^2 by the translation alone, by the whole motion.
-        information: (6, 6) float64 J^T W J of (translation, rotation), a left increment on T_frame_reference.
+        covariance: (6, 6) float64 of (translation, rotation), a left increment on T_frame_reference.
+        weakest: squared gradient along the motion that is seen worst, in units of what noise alone gives.
     """
 
     T_frame_reference: np.ndarray
@@ -40,7 +43,8 @@ class TrackedFrame:
     saturated: float
     translation_flow: float
     motion_flow: float
-    information: np.ndarray
+    covariance: np.ndarray
+    weakest: float
 
 
 def motion_hypotheses(
@@ -65,13 +69,6 @@ def motion_hypotheses(
     for axes in itertools.product((0.0, 1.0, -1.0), repeat=3):
         if any(axes):
             yield se3.exp(SEARCH_ANGLE * np.array([0.0, 0.0, 0.0, *axes])) @ constant
-
-
-def pose_covariance(tracked: TrackedFrame, T_camera_world: np.ndarray) -> np.ndarray:
-    """Covariance (6, 6) of (translation, rotation), a left increment on T_world_camera, from the tracking Hessian."""
-    information = tracked.information + 1e-6 * np.trace(tracked.information) * np.eye(6)
-    adjoint = se3.adjoint(se3.inverse(T_camera_world))
-    return tracked.rmse**2 * adjoint @ np.linalg.inv(information) @ adjoint.T
 
 
 class FrameTracker:
@@ -142,5 +139,13 @@ class FrameTracker:
             finest.u[::FLOW_STRIDE], finest.v[::FLOW_STRIDE], finest.idepth[::FLOW_STRIDE], reference.intrinsics, T
         )
         upper = np.triu(self._system[:6, :6])  # below the diagonal nothing is defined
-        information = upper + np.triu(upper, 1).T
-        return TrackedFrame(T, ab, errors[-1], saturated, *flows, information)
+        observability = Observability.of(
+            upper + np.triu(upper, 1).T,
+            UNIT_STRIDE * unit_information(
+                finest.u[::UNIT_STRIDE], finest.v[::UNIT_STRIDE], finest.idepth[::UNIT_STRIDE],
+                reference.intrinsics, T,
+            ),
+            errors[-1],
+        )  # fmt: skip
+        covariance = observability.covariance(errors[-1])
+        return TrackedFrame(T, ab, errors[-1], saturated, *flows, covariance, observability.weakest)
