@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic import CAMERA, SHARP, Surface
 
-from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, TrackingState, se3
+from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, PinholeCamera, TrackingState, se3
 from ceiling_dso_ros.dso.config import WindowConfig
 from ceiling_dso_ros.dso.schedulers import LiveScheduler
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
@@ -310,6 +310,12 @@ def test_an_image_of_another_size_is_refused_and_changes_nothing(flight, images)
     with pytest.raises(ValueError, match="640x480"):
         odometry.track(np.zeros((480, 640), np.uint8), 0.5)
     same(flight, statuses + run(odometry, images[15:], first=15))
+
+
+@pytest.mark.parametrize(("width", "height"), [(128, 96), (641, 480), (642, 480)])
+def test_images_that_cannot_be_tracked_are_refused(width, height):
+    with pytest.raises(ConfigError, match=f"{width}x{height}"):
+        DirectOdometry(PinholeCamera(100.0, 100.0, width / 2, height / 2, width, height))
 
 
 def test_impossible_settings_are_refused():

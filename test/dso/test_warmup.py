@@ -1,4 +1,6 @@
-"""The warm-up reaches every kernel, or says that it did not."""
+"""The warm-up reaches every kernel, or says that it did not; what is cached is complete and of today's sources."""
+
+import pytest
 
 from ceiling_dso_ros.dso import warmup
 
@@ -9,5 +11,46 @@ def test_it_makes_enough_keyframes():
 
 def test_it_says_when_it_did_not(monkeypatch, capsys):
     monkeypatch.setattr(warmup, "warm_up", lambda: 1)
+    monkeypatch.setattr(warmup, "_marker", lambda: None)
     assert warmup.main() == 1
     assert "not tracked" in capsys.readouterr().err
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """A cache folder in which nothing is complete, and kernels that are loaded at once."""
+    monkeypatch.setattr(warmup, "_marker", lambda: tmp_path / f"kernels.{warmup._python_tag()}.today")
+    monkeypatch.setattr(warmup, "warm_up", lambda: warmup.KEYFRAMES)
+    return tmp_path
+
+
+def test_what_is_outdated_is_removed_and_what_is_complete_stays(cache):
+    ours = [f"a.f-1.{warmup._python_tag()}.{end}" for end in ("nbi", "1.nbc")]
+    for name in (*ours, f"kernels.{warmup._python_tag()}.yesterday", "a.f-1.py27.nbi", "a.pyc"):
+        (cache / name).touch()
+    assert warmup.main() == 0
+    left = {f"kernels.{warmup._python_tag()}.today", "a.f-1.py27.nbi", "a.pyc"}
+    assert {path.name for path in cache.iterdir()} == left
+    (cache / ours[0]).touch()
+    assert warmup.main() == 0
+    assert (cache / ours[0]).exists()
+
+
+def test_missing_kernels_are_compiled_by_another_process(cache, monkeypatch):
+    commands, told = [], []
+    monkeypatch.setattr(warmup.subprocess, "run", lambda command, **_: commands.append(command))
+    warmup.load_kernels(told.append)
+    assert commands[0][-1] == "ceiling_dso_ros.dso.warmup"
+    assert "compiling" in told[0]
+    assert warmup.main() == 0
+    warmup.load_kernels(told.append)
+    assert len(commands) == len(told) == 1
+
+
+def test_the_marker_depends_on_the_sources(monkeypatch, tmp_path):
+    before = warmup._marker()
+    assert before == warmup._marker()
+    (tmp_path / "warmup.py").write_text("changed")
+    monkeypatch.setattr(warmup, "__file__", str(tmp_path / "warmup.py"))
+    assert warmup._marker().parent == before.parent
+    assert warmup._marker() != before

@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import DirectOdometry
-    from ceiling_dso_ros.dso.warmup import warm_up
+    from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.evaluation.benchmark import describe, read_reference, run_once, summarize
     from ceiling_dso_ros.evaluation.playback import Playback
     from ceiling_dso_ros.io.opening import open_recording
@@ -53,7 +53,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.out is not None:
         with output_folder(options.out):  # known to be wrong before the measurement, not after it
             pass
-    warm_up()
+    load_kernels(tqdm.write)
     runs = []
     for _ in tqdm(range(options.repeats), unit="pass", disable=None):
         playback = Playback(

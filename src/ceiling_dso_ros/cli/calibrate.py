@@ -72,10 +72,12 @@ def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import DirectOdometry
+    from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.io.recording import Frame
 
     preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+    load_kernels(tqdm.write)
     odometry = DirectOdometry(recording.calibration.camera)
     with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
         for frame in frames:

@@ -62,6 +62,7 @@ def execute(options: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import DirectOdometry
+    from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.evaluation.playback import Playback
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
@@ -81,6 +82,7 @@ def execute(options: argparse.Namespace) -> None:
         if fusion is not None:
             write_settings(folder / "fusion.yaml", fusion_config)
 
+    load_kernels(lambda message: print(message, file=sys.stderr))
     playback = Playback(
         ImagePreprocessor(recording.calibration, recording.photometric),
         DirectOdometry(recording.calibration.camera, config),

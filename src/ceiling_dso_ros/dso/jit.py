@@ -9,12 +9,23 @@ gather from one array and store to another vectorise only with it. numba has the
 version lacks it, the plain kernel is used, which is correct and slower.
 """
 
+import functools
+import warnings
 from typing import Any, Callable, Dict
 
+import llvmlite.binding as llvm
 import numba
 
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 _OPTIONS: Dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FASTMATH}
+
+
+def _let_avx2_gather() -> None:
+    """On processors with AVX2 but not AVX-512 LLVM reads pixels one by one unless it is told that gathers are fast."""
+    features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
+    names = features.split(",")
+    if "+avx2" in names and "+avx512f" not in names and not any("fast-gather" in name for name in names):
+        numba.config.CPU_FEATURES = f"{features},+fast-gather"
 
 
 def _noalias_option() -> Dict[str, Any]:
@@ -29,5 +40,14 @@ def _noalias_option() -> Dict[str, Any]:
     return {"noalias": True}
 
 
-kernel: Callable[..., Any] = numba.njit(**_OPTIONS)
-kernel_noalias: Callable[..., Any] = numba.njit(**_OPTIONS, **_noalias_option())
+def _compile(function: Callable[..., Any], options: Dict[str, Any]) -> Callable[..., Any]:
+    try:
+        return numba.njit(**options)(function)
+    except RuntimeError as error:  # numba finds no folder that it can write
+        warnings.warn(f"kernels are compiled at every start: {error}; set NUMBA_CACHE_DIR", stacklevel=3)
+        return numba.njit(**{**options, "cache": False})(function)
+
+
+_let_avx2_gather()
+kernel: Callable[..., Any] = functools.partial(_compile, options=_OPTIONS)
+kernel_noalias: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, **_noalias_option()})

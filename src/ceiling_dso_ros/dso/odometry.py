@@ -8,12 +8,12 @@ import numpy as np
 
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.camera import PinholeCamera
-from ceiling_dso_ros.dso.config import OdometryConfig
+from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
 from ceiling_dso_ros.dso.initialization import Initializer
 from ceiling_dso_ros.dso.keyframe_policy import needs_keyframe
 from ceiling_dso_ros.dso.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.mapping import Frame, Mapper, WindowLostError
-from ceiling_dso_ros.dso.pyramid import PyramidPool
+from ceiling_dso_ros.dso.pyramid import PyramidPool, PyramidShape
 from ceiling_dso_ros.dso.schedulers import SequentialScheduler
 from ceiling_dso_ros.dso.selection import PixelSelector
 from ceiling_dso_ros.dso.stage_timer import StageTimer
@@ -25,6 +25,7 @@ from ceiling_dso_ros.dso.uncertainty import world_covariance
 MAX_BACKLOG = 6  # frames that the mapping may have before it; further ones are not traced
 # Beside the window's: the frame in work, the initialiser's first frame, one that is about to leave, and the backlog.
 EXTRA_IMAGES = 3 + MAX_BACKLOG
+MIN_LEVELS = 3  # of the pyramid: pixels are selected on as many
 
 
 class MappingResult(NamedTuple):
@@ -49,6 +50,11 @@ class DirectOdometry:
         scheduler: Optional[SequentialScheduler] = None,
     ) -> None:  # fmt: skip
         config.check()
+        if PyramidShape.of(camera.width, camera.height).levels < MIN_LEVELS:
+            raise ConfigError(
+                f"images of {camera.width}x{camera.height} pixels: too small to be tracked, or not divisible by 4; "
+                "20000 pixels at least"
+            )
         self.camera = camera
         self.config = config
         self._scheduler = SequentialScheduler() if scheduler is None else scheduler

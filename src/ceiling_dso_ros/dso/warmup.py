@@ -1,12 +1,25 @@
-"""Compile and cache every kernel, so that no robot waits for them: `python3 -m ceiling_dso_ros.dso.warmup`."""
+"""Compile and cache every kernel, so that no robot waits for them: `python3 -m ceiling_dso_ros.dso.warmup`.
 
+A file beside the cached kernels says that they are complete. It carries a digest of the sources, since numba watches
+only the file of a kernel and not of those that it calls, and of what else decides about the machine code.
+"""
+
+import hashlib
+import os
+import subprocess
 import sys
 import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Callable, Optional
 
+import llvmlite.binding as llvm
+import numba
 import numpy as np
 
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
+from ceiling_dso_ros.dso.interpolation import sample
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 
 MAX_FRAMES = 80
@@ -36,14 +49,61 @@ def warm_up() -> int:
     return keyframes
 
 
+def load_kernels(tell: Callable[[str], None]) -> None:
+    """Have every kernel ready.
+
+    Missing ones are compiled by a process of their own: one that compiles may round differently from all that load.
+
+    Args:
+        tell: is called with a message before that, as it takes a minute or two.
+    """
+    marker = _marker()
+    if marker is not None and not marker.exists():
+        tell("compiling the kernels, which takes a minute or two the first time")
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        subprocess.run([sys.executable, "-m", __name__], env=environment, stdout=subprocess.DEVNULL, check=False)
+    warm_up()
+
+
+def _marker() -> Optional[Path]:
+    """The file that says that the cache is complete; None where nothing can be cached."""
+    folder = sample.stats.cache_path
+    if folder is None:
+        return None
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
+    for text in (sys.version, numba.__version__, llvm.get_host_cpu_name(), features):
+        digest.update(text.encode())
+    return Path(folder) / f"kernels.{_python_tag()}.{digest.hexdigest()[:16]}"
+
+
+def _python_tag() -> str:
+    return f"py{sys.version_info.major}{sys.version_info.minor}"
+
+
+def _remove_outdated(folder: Path) -> None:
+    for pattern in (f"*.{_python_tag()}.nbi", f"*.{_python_tag()}.*.nbc", f"kernels.{_python_tag()}.*"):
+        for path in folder.glob(pattern):
+            path.unlink()
+
+
 def main() -> int:
     """Entry point."""
     start = time.perf_counter()
+    marker = _marker()
+    if marker is not None and not marker.exists():
+        with suppress(OSError):  # not ours, or there is none yet
+            _remove_outdated(marker.parent)
     keyframes = warm_up()
-    print(f"kernels compiled and cached: ready in {time.perf_counter() - start:.1f} s")
     if keyframes < KEYFRAMES:
         print("error: the warm-up sequence was not tracked, some kernels are not compiled", file=sys.stderr)
         return 1
+    if marker is not None:
+        with suppress(OSError):
+            marker.touch()
+    print(f"kernels compiled and cached: ready in {time.perf_counter() - start:.1f} s")
     return 0
 
 

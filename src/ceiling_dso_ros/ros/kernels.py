@@ -1,19 +1,34 @@
 """The compiled kernels of the odometry, ready before a node begins to work."""
 
 import threading
+import time
+from typing import List
 
 import rospy
 
-from ceiling_dso_ros.dso.warmup import warm_up
+from ceiling_dso_ros.dso import warmup
 
 
 def load_kernels() -> None:
     """Have all kernels ready before the first image; returns early when the node is shut down.
 
-    They are compiled when the package runs for the first time, which takes a minute or two.
+    Raises:
+        Exception: whatever kept them from being compiled or loaded.
     """
-    rospy.loginfo("loading the kernels; the first start compiles them, which takes a minute or two")
-    work = threading.Thread(target=warm_up, daemon=True)
+    errors: List[Exception] = []
+
+    def load() -> None:
+        try:
+            warmup.load_kernels(rospy.loginfo)
+        except Exception as error:  # goes on in the main thread
+            errors.append(error)
+
+    start_s = time.monotonic()
+    work = threading.Thread(target=load, daemon=True)
     work.start()
     while work.is_alive() and not rospy.is_shutdown():
         work.join(0.1)
+    if errors:
+        raise errors[0]
+    if not rospy.is_shutdown():
+        rospy.loginfo(f"kernels ready after {time.monotonic() - start_s:.1f} s")
