@@ -124,6 +124,23 @@ def test_brightness_is_found():
     assert ours == pytest.approx(1.1 * np.exp(0.08) * 120 - 4.0, abs=1.0)
 
 
+def test_few_images_a_second_need_few_frames():
+    """A start from rest at 3 images a second: motion between images grows beyond what alignment reaches from zero."""
+    session = Session(RELIEF)
+    session.start()
+    shifts = np.cumsum([0.01, 0.03, 0.05, 0.06, 0.07])
+    for shift in shifts:
+        T = se3.exp(np.array([shift, 0.4 * shift, 0.0, 0.0, 0.0, 0.5 * shift]))
+        first_map = session.add(T)
+        if first_map is not None:
+            break
+    assert first_map is not None
+    assert shift < shifts[-1]
+    true = RELIEF.idepth(np.eye(4), first_map.pixels.u, first_map.pixels.v)
+    scale = np.median(true / first_map.idepth)
+    assert np.median(np.abs(first_map.idepth * scale / true - 1)) < 0.03
+
+
 def test_no_map_without_parallax():
     session = Session(RELIEF)
     assert not session.initializer.started

@@ -44,8 +44,9 @@ class InitializationConfig:
     """The first map from frames with parallax."""
 
     densities: Tuple[float, ...] = (0.03, 0.05, 0.15, 0.5, 1.0)  # share of pixels per level, finest first
-    min_translation: float = 1.0 / 60.0  # of the mean depth, before depths are trusted
+    min_translation: float = 0.016  # of the mean depth, before depths are trusted
     frames_after_snap: int = 5
+    max_translation: float = 0.12  # of the mean depth; beyond it the map is made at once
     max_frames: int = 300  # without a map the first frame is replaced
     max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
@@ -61,6 +62,10 @@ class InitializationConfig:
         require(
             0.001 <= self.min_translation <= 1,
             f"initialization.min_translation={self.min_translation}: 0.001 to 1 of the mean depth",
+        )
+        require(
+            self.max_translation > self.min_translation,
+            f"initialization.max_translation={self.max_translation}: above initialization.min_translation",
         )
         require(self.max_rmse > 0, f"initialization.max_rmse={self.max_rmse}: positive grey levels")
 

@@ -133,7 +133,7 @@ class Initializer:
             self._levels.insert(0, self._make_level(level))
         largest = max(level.count for level in self._levels)
         self._scratch = scratch_memory(1, largest)
-        self._T = np.eye(4)
+        self._T, self._T_before = np.eye(4), np.eye(4)
         self._light = np.zeros(2)
         self._snapped = False
         self._frames_since_snap = 0
@@ -148,20 +148,27 @@ class Initializer:
         """
         self._frames += 1
         self._expected_log_gain = np.log(exposure_ratio)
-        T, light = self._T, np.array([self._expected_log_gain, 0.0])
+        light = np.array([self._expected_log_gain, 0.0])
+        T = self._T @ se3.inverse(self._T_before) @ self._T  # it goes on as it did
         if not self._snapped:
-            T = np.eye(4)
-            T[:3, :3] = self._T[:3, :3]
+            T[:3, 3] = 0.0
             for level in self._levels:
                 level.points.idepth[: level.count] = 1.0
                 level.target[:] = 1.0
-        self._align(image_slot, T, light)
+        self._T_before = self._T
+        self._align(image_slot, se3.orthonormalized(T), light)
         self._snapped = self._snapped or np.linalg.norm(self._T[:3, 3]) > self._config.min_translation
         self._frames_since_snap += self._snapped
-        if self.failed or self._frames_since_snap <= self._config.frames_after_snap:
+        if self.failed or not self._enough_parallax():
             return None
         self._try_dual(image_slot)
         return self._first_map()
+
+    def _enough_parallax(self) -> bool:
+        """Enough frames with parallax; two suffice where it grows fast, as at few images a second."""
+        if np.linalg.norm(self._T[:3, 3]) > self._config.max_translation:
+            return self._frames_since_snap >= 2
+        return self._frames_since_snap > self._config.frames_after_snap
 
     def _align(self, image_slot: int, T: np.ndarray, light: np.ndarray) -> None:
         """Coarse-to-fine alignment of a frame from a starting motion and brightness."""
