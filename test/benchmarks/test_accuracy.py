@@ -27,8 +27,8 @@ def tracked(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def drive(tracked):
-    def track(sequence, seconds, *events, variant="", **run):
-        config = SimulationConfig(sequence, duration_s=seconds, camera=SMALL, events=events)
+    def track(sequence, seconds, *events, ceiling="factory", variant="", **run):
+        config = SimulationConfig(sequence, ceiling, duration_s=seconds, camera=SMALL, events=events)
         return tracked.drive(config, OdometryRun(**run), variant)
 
     return track
@@ -41,6 +41,7 @@ def test_drives_are_accurate_and_never_lost(drive):
     assert square.tracked_percent == 100.0
     assert square.motion_before_first_pose_s() < 1.0
     assert square.final_ate_percent < 0.1
+    assert 0.2 < square.mean_nees / 6.0 < accuracy.NEES_FACTOR
 
 
 @pytest.mark.long
@@ -61,6 +62,21 @@ def test_standing_still_costs_nothing(drive):
 
 
 @pytest.mark.long
+def test_a_start_in_a_turn_gives_no_wrong_map(drive):
+    run = drive("spin", 8.0)
+    assert run.lost == 0
+    assert run.tracked_percent == 100.0
+    assert run.final_ate_m < 0.005
+
+
+@pytest.mark.long
+def test_no_wrong_pose_where_there_is_nothing_to_see(drive):
+    run = drive("square", 10.0, ceiling="plaster")
+    assert run.longest_wrong_s() < accuracy.WRONG_S
+    assert all(not loss.endswith(": ") for loss in run.losses())
+
+
+@pytest.mark.long
 def test_lamps_that_flicker_and_go_out(drive):
     run = drive("square", 10.0, "flicker@4+2", "lights_off@7")
     assert run.motion_without_pose_s() < accuracy.RECOVERY_S
@@ -76,6 +92,7 @@ def test_a_covered_lens_is_told_and_got_over(drive):
     assert run.tracking_within(cover[0] + COVER_SLIDE_S, cover[1]) == 0
     assert run.tracking_within(START_S + 2.0, cover[0]) > 50
     assert run.motion_without_pose_s(*cover) < accuracy.RECOVERY_S
+    assert run.final_ate_percent < 0.5  # the second map is as good as the first
 
 
 def test_what_was_rendered_and_tracked_is_kept(tracked):

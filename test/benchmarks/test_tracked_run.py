@@ -78,9 +78,9 @@ def test_error_is_that_of_the_positions_in_metres():
 
 @pytest.mark.parametrize(("claim", "factor"), [(1.0, 1.0), (0.25, 16.0), (2.0, 0.25)])
 def test_normalised_errors_tell_a_wrong_covariance(claim, factor):
-    nees = TrackedRun(statuses(claim * SIGMAS), TRUTH).normalised_errors_squared()
-    assert np.isnan(nees[::10]).all()
-    assert np.nanmean(nees) == pytest.approx(6.0 * factor, rel=0.15)
+    run = TrackedRun(statuses(claim * SIGMAS), TRUTH)
+    assert np.isnan(run.normalised_errors_squared()[::10]).all()
+    assert run.mean_nees == pytest.approx(6.0 * factor, rel=0.15)
 
 
 def test_a_wrong_pose_counts_from_its_first_to_its_last_image():
@@ -136,4 +136,5 @@ def test_a_run_without_any_pose():
     assert (run.first_pose, run.tracked_percent, run.final_ate_m) == (FRAMES, 0.0, np.inf)
     assert run.motion_without_pose_s() == pytest.approx((FRAMES - STANDING) / HZ, abs=0.1)
     assert run.longest_wrong_s() == 0.0
+    assert np.isnan(run.mean_nees)
     assert str(run)

@@ -127,6 +127,13 @@ class TrackedRun:
             nees[i] = error @ np.linalg.solve(move @ status.covariance @ move.T, error)
         return nees
 
+    @property
+    def mean_nees(self) -> float:
+        """Of all poses with a covariance, nan without any; expected are 6."""
+        known = self.normalised_errors_squared()
+        known = known[np.isfinite(known)]
+        return float(known.mean()) if len(known) else np.nan
+
     def longest_wrong_s(self) -> float:
         """Longest time in which all poses are more than SIGMAS of their own covariances off."""
         longest, since_s = 0.0, None
@@ -145,11 +152,10 @@ class TrackedRun:
 
     def __str__(self) -> str:
         """In one line."""
-        nees = self.normalised_errors_squared()
         return (
             f"{self._tracking.sum()} of {len(self.statuses)} images tracked, the first is {self.first_pose}, "
             f"lost {self.lost} times, ATE final {1e3 * self.final_ate_m:.2f} mm = {self.final_ate_percent:.4f} %, "
-            f"live {1e3 * self.live_ate_m:.2f} mm, mean NEES / 6 {np.nanmean(nees) / 6:.2f}"
+            f"live {1e3 * self.live_ate_m:.2f} mm, mean NEES / 6 {self.mean_nees / 6:.2f}"
         )
 
 
