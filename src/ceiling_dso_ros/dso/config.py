@@ -49,6 +49,7 @@ class InitializationConfig:
     max_translation: float = 0.12  # of the mean depth; beyond it the map is made at once
     max_frames: int = 300  # without a map the first frame is replaced
     max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
+    min_share: float = 0.3  # of the wanted active points that a first map must have
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
     translation_coupling: float = 22500.0  # and the translation to zero
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
@@ -67,6 +68,7 @@ class InitializationConfig:
             self.max_translation > self.min_translation,
             f"initialization.max_translation={self.max_translation}: above initialization.min_translation",
         )
+        require(0 <= self.min_share < 1, f"initialization.min_share={self.min_share}: 0 to 1")
         require(self.max_rmse > 0, f"initialization.max_rmse={self.max_rmse}: positive grey levels")
 
 
@@ -78,7 +80,7 @@ class TrackingConfig:
     affine_a_information: float = 0.0  # per point, pulls a towards the keyframe's
     affine_b_information: float = 0.0
     max_rmse_growth: float = 1.5  # a hypothesis is given up, or found good, relative to the best known error
-    min_texture: float = 1.5  # squared gradient over that of noise, along the worst motion; below it a frame is lost
+    min_texture: float = 2.0  # squared gradient over that of noise, along the worst motion; below it a frame is lost
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""

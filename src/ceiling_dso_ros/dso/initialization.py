@@ -22,6 +22,7 @@ ITERATIONS = (5, 5, 10, 30, 50, 50)  # per level, finest first
 OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 4
 MIN_DUAL_IDEPTH = 0.05  # of the mean: less is a plane that passes too near the camera's horizon
 SETTLING_ROUNDS = 3
+MIN_POINTS = 100  # with depth, that a map needs
 MIN_IN_VIEW = 0.4  # share of the first frame's points
 MAX_BRIGHTNESS_CHANGE = 1.2  # |ln gain| beyond the exposures'
 
@@ -161,7 +162,11 @@ class Initializer:
         self._frames_since_snap += self._snapped
         if self.failed or not self._enough_parallax():
             return None
-        self._try_dual(image_slot)
+        if self._has_depth():
+            self._try_dual(image_slot)
+        if not self._has_depth():
+            self.rmse = np.inf
+            return None
         return self._first_map()
 
     def _enough_parallax(self) -> bool:
@@ -169,6 +174,12 @@ class Initializer:
         if np.linalg.norm(self._T[:3, 3]) > self._config.max_translation:
             return self._frames_since_snap >= 2
         return self._frames_since_snap > self._config.frames_after_snap
+
+    def _has_depth(self) -> bool:
+        """Whether enough points of the finest level have a depth, and the motion is a number."""
+        level = self._levels[0]
+        seen = np.count_nonzero(level.points.idepth_hessian[: level.count] > 0)
+        return seen >= MIN_POINTS and bool(np.isfinite(self._T).all())
 
     def _align(self, image_slot: int, T: np.ndarray, light: np.ndarray) -> None:
         """Coarse-to-fine alignment of a frame from a starting motion and brightness."""

@@ -135,7 +135,9 @@ class DirectOdometry:
         self._scheduler.wait()
         self._take_in_map()
         if self._map.rmse > self.config.initialization.max_rmse:
-            return self._reject_map(frame)
+            return self._reject_map(frame, f"does not explain the images ({self._map.rmse:.1f} grey levels)")
+        if self._map.active_points < self.config.initialization.min_share * self.config.window.active_points:
+            return self._reject_map(frame, f"has {self._map.active_points} points only")
         self._history = [(first_id, np.eye(4))]
         return self._remember(self._refined(frame), self._map.reference, is_keyframe=True)
 
@@ -144,10 +146,10 @@ class DirectOdometry:
         self._first = replace(frame, T_camera_world=se3.inverse(self._last_pose))
         return self._without_pose(frame, TrackingState.INITIALIZING, message)
 
-    def _reject_map(self, frame: Frame) -> OdometryStatus:
+    def _reject_map(self, frame: Frame, reason: str) -> OdometryStatus:
         """Try again with the next image as the first one: no pose has been given yet."""
-        message = f"the first map does not explain the images ({self._map.rmse:.1f} grey levels): starting again"
         self._news = ()
+        message = f"the first map {reason}: starting again"
         status = self._without_pose(frame, TrackingState.INITIALIZING, message)
         self._abandon_map()
         return status
