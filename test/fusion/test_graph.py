@@ -153,3 +153,14 @@ def test_the_wheels_constants_and_the_cameras_yaw_can_be_estimated():
     assert estimate.constants[0] == pytest.approx(0.01, abs=0.001)
     sigma = np.sqrt(np.diag(estimate.constants_covariance))
     assert sigma[0] < 0.5 * WheelConfig().ratio_sigma
+
+
+def test_a_visual_motion_without_a_solution_is_left_out():
+    intervals, poses = chain(6)
+    wild = replace(intervals[-1].visual, shift=np.array([1e160, 0.0]))
+    graph = WindowGraph(config(), NOISE)
+    estimate = run(graph, [*intervals[:-1], replace(intervals[-1], visual=wild)])
+    assert graph.intervals[-1].visual is None
+    np.testing.assert_allclose(estimate.pose, poses[-1], atol=0.01)
+    assert np.isfinite(estimate.covariance).all()
+    assert estimate.log_scale == pytest.approx(np.log(SCALE), abs=0.05)

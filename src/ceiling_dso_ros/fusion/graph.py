@@ -202,15 +202,27 @@ class WindowGraph:
         self._factors[end] = self._builder.factors(interval)
 
     def optimize(self) -> GraphEstimate:
-        """Estimate all variables of the window."""
+        """Estimate all variables of the window.
+
+        Where the camera's newest motion is so far off that there is no solution, the wheels alone bridge it.
+        """
+        try:
+            return self._solve()
+        except RuntimeError:  # gtsam: indeterminate system
+            self.revise(self.newest, visual=None)
+            return self._solve()
+
+    def _solve(self) -> GraphEstimate:
         graph = gtsam.NonlinearFactorGraph()
         for factor in self._prior:
             graph.push_back(factor)
         for interval in self._intervals:
             for factor in self._factors[interval.end]:
                 graph.push_back(factor)
-        self._values = gtsam.LevenbergMarquardtOptimizer(graph, self._values, self._parameters).optimize()
-        return self._estimate(gtsam.Marginals(graph, self._values))
+        values = gtsam.LevenbergMarquardtOptimizer(graph, self._values, self._parameters).optimize()
+        marginals = gtsam.Marginals(graph, values)
+        self._values = values
+        return self._estimate(marginals)
 
     def _estimate(self, marginals: gtsam.Marginals) -> GraphEstimate:
         pose_key, scale_key = factors.pose_key(self.newest), factors.scale_key(self.newest)
