@@ -154,6 +154,8 @@ def test_settings_take_effect_and_a_run_can_be_repeated_from_its_own(tum_folder,
 
 
 def test_bad_frames_are_warned_of_counted_and_skipped(tum_folder, command, tmp_path):
+    """They cost no more poses than themselves."""
+    assert command("run", tum_folder, "--out", tmp_path / "clean").returncode == 0
     truncated = tum_folder / "images" / "00020.png"
     truncated.write_bytes(truncated.read_bytes()[:500])
     cv2.imwrite(str(tum_folder / "images" / "00025.png"), np.zeros((50, 60), np.uint8))
@@ -171,7 +173,7 @@ def test_bad_frames_are_warned_of_counted_and_skipped(tum_folder, command, tmp_p
     summary = summary_of(tmp_path / "out")
     assert summary["frames"] == FRAMES - 4
     assert [f"warning: {warning}" for warning in summary["warnings"]] == warnings
-    assert summary["tracked"] > FRAMES / 2
+    assert summary["tracked"] >= summary_of(tmp_path / "clean")["tracked"] - 4 > 0
 
 
 def test_missing_input(command, tmp_path):
