@@ -34,10 +34,18 @@ def test_results(folder, tmp_path, capsys):
     assert "reference units" in capsys.readouterr().out
 
 
+def test_live(folder, tmp_path, capsys):
+    assert main(["benchmark", str(folder), "--live", "1", "--out", str(tmp_path / "out")]) == 0
+    result = json.loads((tmp_path / "out" / "benchmark.json").read_text())
+    assert 1 <= result["images"] <= 4
+    assert "speed factor" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--repeats", "0"], "--repeats 0"),
+        (["--live", "0"], "--live 0"),
         (["--vs", "nowhere"], "nowhere"),
         (["--set", "window.max_keyframes=2"], "window.max_keyframes"),
         (["--out", "/dev/null/there"], "/dev/null/there"),

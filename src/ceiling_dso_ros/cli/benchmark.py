@@ -3,9 +3,16 @@
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
 
 from ceiling_dso_ros.cli.output_folder import output_folder
 from ceiling_dso_ros.io.errors import InputError
+
+if TYPE_CHECKING:
+    from ceiling_dso_ros.dso import OdometryConfig
+    from ceiling_dso_ros.io.recording import Recording
+
+Report = Tuple[Dict[str, Any], str]  # what is written, and what is printed
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -22,6 +29,12 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "--vs", metavar="FOLDER", type=Path, help="compare with the benchmark.json or reference.json in there"
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="write benchmark.json there; made if missing")
+    parser.add_argument(
+        "--live",
+        metavar="RATE",
+        type=float,
+        help="play it RATE times as fast as it was, once, dropping what is late",
+    )
     parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
     parser.add_argument(
         "--set", metavar="key=value", dest="overrides", action="append", default=[], help="one setting; may be repeated"
@@ -37,16 +50,15 @@ def execute(options: argparse.Namespace) -> None:
     """
     from tqdm import tqdm
 
-    from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.dso.warmup import load_kernels
-    from ceiling_dso_ros.evaluation.benchmark import describe, read_reference, run_once, summarize
-    from ceiling_dso_ros.evaluation.playback import Playback
+    from ceiling_dso_ros.evaluation.benchmark import read_reference
     from ceiling_dso_ros.io.opening import open_recording
-    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.settings import load_settings
 
     if options.repeats < 1:
         raise InputError(f"--repeats {options.repeats}: at least 1")
+    if options.live is not None and not options.live > 0:
+        raise InputError(f"--live {options.live}: above 0")
     reference = read_reference(options.vs) if options.vs is not None else None
     config = load_settings(options.config, options.overrides)
     recording = open_recording(options.input)
@@ -54,8 +66,26 @@ def execute(options: argparse.Namespace) -> None:
         with output_folder(options.out):  # known to be wrong before the measurement, not after it
             pass
     load_kernels(tqdm.write)
+    if options.live is not None:
+        result, text = _measure_live(recording, config, options.live)
+    else:
+        result, text = _measure(recording, config, options.repeats, reference)
+    if options.out is not None:
+        (options.out / "benchmark.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
+    print(text)
+
+
+def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, reference: Optional[dict]) -> Report:
+    """Every frame to the end, several times."""
+    from tqdm import tqdm
+
+    from ceiling_dso_ros.dso import DirectOdometry
+    from ceiling_dso_ros.evaluation.benchmark import describe, run_once, summarize
+    from ceiling_dso_ros.evaluation.playback import Playback
+    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+
     runs = []
-    for _ in tqdm(range(options.repeats), unit="pass", disable=None):
+    for _ in tqdm(range(repeats), unit="pass", disable=None):
         playback = Playback(
             ImagePreprocessor(recording.calibration, recording.photometric),
             DirectOdometry(recording.calibration.camera, config),
@@ -63,6 +93,26 @@ def execute(options: argparse.Namespace) -> None:
         )
         runs.append(run_once(playback, recording.frames()))
     result = summarize(runs)
-    if options.out is not None:
-        (options.out / "benchmark.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
-    print(describe(result, reference))
+    return result, describe(result, reference)
+
+
+def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float) -> Report:
+    """In real time or faster, mapping beside the tracking; the images are read beforehand."""
+    from ceiling_dso_ros.dso import DirectOdometry
+    from ceiling_dso_ros.dso.schedulers import LiveScheduler
+    from ceiling_dso_ros.evaluation.live_benchmark import describe, play_live
+    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+    from ceiling_dso_ros.io.recording import Frame
+
+    frames = [frame for frame in recording.frames() if isinstance(frame, Frame)]
+    if len(frames) < 2:
+        raise InputError(f"{len(frames)} usable images: a benchmark needs at least 2")
+    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+    scheduler = LiveScheduler()
+    odometry = DirectOdometry(recording.calibration.camera, config, scheduler)
+    run = play_live(
+        frames, lambda frame: odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms), rate
+    )
+    scheduler.close()
+    result = run.summary()
+    return result, describe(result)

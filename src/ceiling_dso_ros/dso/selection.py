@@ -14,7 +14,8 @@ import numpy as np
 from ceiling_dso_ros.dso.jit import kernel, kernel_noalias
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 
-BLOCK = 32
+BLOCK_BITS = 5
+BLOCK = 1 << BLOCK_BITS
 HISTOGRAM_CAP = 48
 MEDIAN_MARGIN = 7.0
 LEVEL_FACTOR = np.array([1.0, 0.75, 0.42], np.float32)  # on the squared threshold, per level
@@ -86,22 +87,31 @@ def strongest_in_cell(
     images: Tuple, gradients2: Tuple, widths: Tuple, thresholds: np.ndarray, level: int,
     x0: int, y0: int, x1: int, y1: int, direction: int,
 ) -> int:  # fmt: skip
-    """Index (y * width + x on level 0) of the strongest pixel of [x0, x1) x [y0, y1) on a level, -1 if none passes."""
-    width, coarse_width = widths[0], widths[level]
+    """Index (y * width + x on level 0) of the strongest pixel of [x0, x1) x [y0, y1) on a level, -1 if none passes.
+
+    Each pixel of the level is looked at once; it stands for its first pixel on level 0 that is in the cell.
+    """
+    if x0 >= x1 or y0 >= y1:
+        return -1
+    coarse_width = widths[level]
     image, gradient2 = images[level], gradients2[level]
     dir_x, dir_y = DIRECTIONS[0, direction], DIRECTIONS[1, direction]
-    best, best_index = np.float32(0), -1
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            p = (y >> level) * coarse_width + (x >> level)
-            if gradient2[p] <= thresholds[y // BLOCK, x // BLOCK] * LEVEL_FACTOR[level]:
+    factor, to_block = LEVEL_FACTOR[level], BLOCK_BITS - level
+    best, best_x, best_y = np.float32(0), -1, -1
+    for y in range(y0 >> level, ((y1 - 1) >> level) + 1):
+        block_thresholds = thresholds[y >> to_block]
+        for x in range(x0 >> level, ((x1 - 1) >> level) + 1):
+            p = y * coarse_width + x
+            if gradient2[p] <= block_thresholds[x >> to_block] * factor:
                 continue
             grad_x = image[p + 1] - image[p - 1]
             grad_y = image[p + coarse_width] - image[p - coarse_width]
             strength = abs(grad_x * dir_x + grad_y * dir_y)
             if strength > best:
-                best, best_index = strength, y * width + x
-    return best_index
+                best, best_x, best_y = strength, x, y
+    if best_x < 0:
+        return -1
+    return max(best_y << level, y0) * widths[0] + max(best_x << level, x0)
 
 
 @kernel
