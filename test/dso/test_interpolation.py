@@ -1,14 +1,14 @@
-"""Samples and gradients against scipy."""
+"""Samples and gradients against their definition."""
 
 import numpy as np
 import pytest
+from samples import sample as sample_by_definition
 from scipy.ndimage import map_coordinates
 
 from ceiling_dso_ros.dso.interpolation import sample, sample_gradient
 
 WIDTH, HEIGHT = 37, 29
 IMAGE = np.random.default_rng(0).uniform(0, 255, (HEIGHT, WIDTH)).astype(np.float32)
-GRAD_Y, GRAD_X = np.gradient(IMAGE.astype(float))  # central differences away from the edge
 
 
 def positions(margin_low, margin_high, n=200):
@@ -19,22 +19,28 @@ def positions(margin_low, margin_high, n=200):
     return x, y
 
 
-def at(image, x, y):
-    return map_coordinates(image, [y, x], order=1)
-
-
 def test_sample_is_bilinear():
     x, y = positions(0, 1.01)
     ours = [sample(IMAGE.ravel(), WIDTH, a, b) for a, b in zip(x, y)]
-    assert ours == pytest.approx(at(IMAGE, x, y), abs=1e-3)
+    assert ours == pytest.approx(map_coordinates(IMAGE, [y, x], order=1), abs=1e-3)
 
 
-def test_gradient_is_interpolated_central_differences():
+def test_value_is_cubic_and_gradient_is_interpolated_central_differences():
     x, y = positions(1, 2.01)
     ours = np.array([sample_gradient(IMAGE.ravel(), WIDTH, a, b) for a, b in zip(x, y)])
-    np.testing.assert_allclose(ours[:, 0], at(IMAGE, x, y), atol=1e-3)
-    np.testing.assert_allclose(ours[:, 1], at(GRAD_X, x, y), atol=1e-3)
-    np.testing.assert_allclose(ours[:, 2], at(GRAD_Y, x, y), atol=1e-3)
+    np.testing.assert_allclose(ours.T, sample_by_definition(IMAGE, x, y), atol=2e-3)
+
+
+def test_value_beside_the_gradient_is_exact_on_surfaces_of_second_order():
+    def surface(x, y):
+        return 100 + 3 * x - 2 * y + 0.3 * x * x - 0.2 * y * y + 0.1 * x * y
+
+    image = surface(*np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))).astype(np.float32)
+    x, y = positions(1, 2.01)
+    ours = np.array([sample_gradient(image.ravel(), WIDTH, a, b)[0] for a, b in zip(x, y)])
+    np.testing.assert_allclose(ours, surface(x.astype(float), y.astype(float)), atol=1e-3)
+    linear = np.array([sample(image.ravel(), WIDTH, a, b) for a, b in zip(x, y)])
+    assert abs(linear - surface(x, y)).max() > 0.02  # which the bilinear sample is not
 
 
 def test_whole_pixels_are_exact():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
+from samples import sample
 from synthetic import EXPOSURES, POSES, add_keyframe, add_points, empty_window, random_pixels, true_window
 
 from ceiling_dso_ros.dso import se3
@@ -110,10 +110,8 @@ class DenseReference:
 
     def add(self, i, host, target, rows):
         window, frames, count = self.window, self.window.keyframes, self.window.points.count
-        image = window.image(target).reshape(window.height, window.width).astype(float)
-        grad_y, grad_x = np.gradient(image)
-        at = self.pixels(i, host, target, np.zeros(SIZE), PATTERN_X, PATTERN_Y, 0.0, False)[::-1]
-        value, gx, gy = (map_coordinates(a, at, order=1) for a in (image, grad_x, grad_y))
+        image = window.image(target).reshape(window.height, window.width)
+        value, gx, gy = sample(image, *self.pixels(i, host, target, np.zeros(SIZE), PATTERN_X, PATTERN_Y, 0.0, False))
         grey, weight_host = (a[:, i].astype(float) for a in (window.points.arrays.grey, window.points.arrays.weight))
         ratio = frames.exposure[target] / frames.exposure[host]
         gain = ratio * np.exp(frames.affine[target, 0] - frames.affine[host, 0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
+from samples import sample
 from synthetic import CAMERA, POSES, SLANTED
 
 from ceiling_dso_ros.dso import se3
@@ -64,10 +64,8 @@ def test_filled_rows_are_the_jacobians_of_all_points():
 
 def expected_sums(image, u, v, idepth, grey, weight_host, gain, offset, host_offset, T):
     """The sums of one point, pixel by pixel in float64, by their definition."""
-    grad_y, grad_x = np.gradient(image.astype(float))
     pixels = [project(u + du, v + dv, idepth, CAMERA.parameters, T) for du, dv in zip(PATTERN_X, PATTERN_Y)]
-    at = np.array(pixels).T[::-1]
-    value, gx, gy = (map_coordinates(a, at, order=1) for a in (image.astype(float), grad_x, grad_y))
+    value, gx, gy = sample(image, *np.array(pixels).T)
     r, d = value - gain * grey - offset, grey - host_offset
     weight2 = (0.5 * (weight_host + np.sqrt(2500 / (2500 + gx**2 + gy**2)))) ** 2
     size = np.abs(r)

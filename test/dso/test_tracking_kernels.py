@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
+from samples import sample
 from synthetic import CAMERA, POSES, Surface, random_pixels
 
 from ceiling_dso_ros.dso import se3
@@ -45,9 +45,8 @@ def system_at(T, affine, cutoff=1000.0):
 
 def dense(T, affine):
     """Jacobian (numeric for the geometry), residuals and Huber weights of points in view, float64."""
-    grad_y, grad_x = np.gradient(IMAGE.astype(float))
     at = project(T)
-    value, gx, gy = (map_coordinates(a, at[::-1], order=1) for a in (IMAGE.astype(float), grad_x, grad_y))
+    value, gx, gy = sample(IMAGE, *at)
     grey = POINTS[3].astype(float)
     light = RATIO * np.exp(affine[0] - REFERENCE_AFFINE[0]) * (grey - REFERENCE_AFFINE[1])
     residual, h = value - affine[1] - light, 1e-6

@@ -1,22 +1,26 @@
-"""Bilinear samples of an image and its gradient. Images are flat float32 arrays, row after row.
+"""Samples of an image and its gradient between pixels. Images are flat float32 arrays, row after row.
 
-The gradient is the bilinear interpolation of central differences, taken from twelve pixels of the image itself: the
-same numbers as sampling gradient images, with a third of the memory traffic.
+A residual compares a pixel of one image with a sample of another, and a bilinear sample is too smooth: it misses half
+of f (1 - f) times the second derivative, f being the way past a pixel. That error does not average out over a residual
+pattern that is not symmetric, and pushes every point the same way. So where accuracy counts, samples are cubic along
+both axes (R. G. Keys, "Cubic convolution interpolation for digital image processing", 1981, with a = -1/2, without the
+terms that mix the axes): they need the same twelve pixels as the gradient, the bilinear interpolation of central
+differences.
 """
 
 from typing import Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.jit import kernel
+from ceiling_dso_ros.dso.jit import kernel_inlined
 
 ONE = np.float32(1.0)
 HALF = np.float32(0.5)
 
 
-@kernel
+@kernel_inlined
 def sample(image: np.ndarray, width: int, x: np.float32, y: np.float32) -> np.float32:
-    """Grey value at (x, y); the four neighbours must exist."""
+    """Bilinear grey value at (x, y); the four neighbours must exist."""
     xi, yi = np.uint32(x), np.uint32(y)
     fx, fy = x - np.float32(xi), y - np.float32(yi)
     p = yi * np.uint32(width) + xi
@@ -29,11 +33,11 @@ def sample(image: np.ndarray, width: int, x: np.float32, y: np.float32) -> np.fl
     return w00 * image[p] + w01 * image[p + one] + w10 * image[q] + w11 * image[q + one]
 
 
-@kernel
+@kernel_inlined
 def sample_gradient(
     image: np.ndarray, width: int, x: np.float32, y: np.float32
 ) -> Tuple[np.float32, np.float32, np.float32]:
-    """Grey value and gradient (value, d/dx, d/dy) at (x, y), 1 <= x < width - 2 and likewise y."""
+    """Cubic grey value and gradient (value, d/dx, d/dy) at (x, y), 1 <= x < width - 2 and likewise y."""
     xi, yi = np.uint32(x), np.uint32(y)
     fx, fy = x - np.float32(xi), y - np.float32(yi)
     w11 = fx * fy
@@ -45,17 +49,13 @@ def sample_gradient(
     q = p + row
     above, below = p - row, q + row
     a, b, c, d = image[p], image[p + one], image[q], image[q + one]
-    value = w00 * a + w01 * b + w10 * c + w11 * d
-    grad_x = HALF * (
-        w00 * (b - image[p - one])
-        + w01 * (image[p + two] - a)
-        + w10 * (d - image[q - one])
-        + w11 * (image[q + two] - c)
-    )
-    grad_y = HALF * (
-        w00 * (c - image[above])
-        + w01 * (d - image[above + one])
-        + w10 * (image[below] - a)
-        + w11 * (image[below + one] - b)
-    )
+    left_a, right_b, left_c, right_d = image[p - one], image[p + two], image[q - one], image[q + two]
+    above_a, above_b, below_c, below_d = image[above], image[above + one], image[below], image[below + one]
+    grad_x = HALF * (w00 * (b - left_a) + w01 * (right_b - a) + w10 * (d - left_c) + w11 * (right_d - c))
+    grad_y = HALF * (w00 * (c - above_a) + w01 * (d - above_b) + w10 * (below_c - a) + w11 * (below_d - b))
+    beside = w00 * (b + left_a) + w01 * (right_b + a) + w10 * (d + left_c) + w11 * (right_d + c)
+    upright = w00 * (c + above_a) + w01 * (d + above_b) + w10 * (below_c + a) + w11 * (below_d + b)
+    bend_x, bend_y = fx * (ONE - fx), fy * (ONE - fy)
+    linear = w00 * a + w01 * b + w10 * c + w11 * d
+    value = (ONE + bend_x + bend_y) * linear - HALF * (bend_x * beside + bend_y * upright)
     return value, grad_x, grad_y

@@ -7,6 +7,9 @@ multiplications fused, but NaN and infinity keep their meaning.
 `kernel_noalias` adds the promise that no array a kernel writes overlaps another argument, as C's `restrict`. Loops that
 gather from one array and store to another vectorise only with it. numba has the flag but no public option; where a
 version lacks it, the plain kernel is used, which is correct and slower.
+
+`kernel_inlined` is for what is called per pixel: a loop that calls does not vectorise, and LLVM leaves a function of
+some length as a call unless it is told not to.
 """
 
 import functools
@@ -50,4 +53,5 @@ def _compile(function: Callable[..., Any], options: Dict[str, Any]) -> Callable[
 
 _let_avx2_gather()
 kernel: Callable[..., Any] = functools.partial(_compile, options=_OPTIONS)
+kernel_inlined: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, "forceinline": True})
 kernel_noalias: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, **_noalias_option()})
