@@ -173,7 +173,8 @@ def test_bad_frames_are_warned_of_counted_and_skipped(tum_folder, command, tmp_p
     summary = summary_of(tmp_path / "out")
     assert summary["frames"] == FRAMES - 4
     assert [f"warning: {warning}" for warning in summary["warnings"]] == warnings
-    assert summary["tracked"] >= summary_of(tmp_path / "clean")["tracked"] - 4 > 0
+    assert summary["tracked"] > FRAMES / 2
+    assert summary["tracked"] >= summary_of(tmp_path / "clean")["tracked"] - 4
 
 
 def test_missing_input(command, tmp_path):

@@ -51,7 +51,7 @@ class InitializationConfig:
     max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
     min_share: float = 0.3  # of the wanted active points that a first map must have
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
-    translation_coupling: float = 22500.0  # and the translation to zero
+    translation_coupling: float = 1000.0  # and the translation to zero; more lets a rotation pass for it
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
 
     def check(self) -> None:
@@ -146,8 +146,8 @@ class OptimizationConfig:
 class KeyframeConfig:
     """When a frame becomes a keyframe: the sum of the three terms exceeds one."""
 
-    translation_weight: float = 44.8  # on the root mean squared flow by translation, divided by width + height
-    motion_weight: float = 22.4  # on that of the whole motion
+    translation_weight: float = 36.0  # on the root mean squared flow by translation, divided by width + height
+    motion_weight: float = 18.0  # on that of the whole motion
     brightness_weight: float = 2.0  # on |ln alpha|
     max_rmse_growth: float = 2.0  # of the first error on the keyframe
     min_flow: float = 0.5  # pixels; below it the camera stands still, and a growing error is no reason

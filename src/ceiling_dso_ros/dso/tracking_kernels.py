@@ -188,8 +188,8 @@ def align(
         exposure_ratio: exposure of the frame over that of the reference.
         prior: (2,) information per point on a and b, which keeps them near the reference's.
         max_iterations: at most so many steps.
-        min_step: steps of a smaller `step_size` end the iteration.
-        system: (9, 9) float64 output, normal equations at the result.
+        min_step: a step of a smaller `step_size` is the last one, and not worth another look at the image.
+        system: (9, 9) float64 output, normal equations at the result, or but a last small step from it.
 
     Returns:
         T_frame_reference, (a, b), RMSE in grey levels, share of saturated points. RMSE is inf with too few points.
@@ -217,6 +217,8 @@ def align(
         step = solve_positive(H, b)
         trial_T = se3.exp(step[:6]) @ T
         trial_ab = ab + step[6:]
+        if step_size(step) < min_step:
+            return trial_T, trial_ab, math.sqrt(energy / in_view), saturated / in_view
         gain = exposure_ratio * math.exp(trial_ab[0] - reference_affine[0])
         trial_energy, trial_in_view, trial_saturated = accumulate(
             u, v, idepth, grey, image, width, height, intrinsics, trial_T, gain, reference_affine[1], trial_ab[1],
@@ -228,8 +230,6 @@ def align(
             damping *= 0.5
         else:
             damping = max(4.0 * damping, 0.01)
-        if step_size(step) < min_step:
-            break
     return T, ab, math.sqrt(energy / in_view), saturated / in_view
 
 
