@@ -245,6 +245,13 @@ def test_solve():
     np.testing.assert_allclose(solve(H, -H @ x), x, atol=1e-3 * np.abs(x).max(), rtol=1e-2)
 
 
+def test_no_step_where_rounding_left_less_than_nothing():
+    """The first two keyframes of a sideways motion: its length sets the unit, and the Schur complement cancels."""
+    H = np.diag([4e10, -1024.0, 7e8])
+    np.testing.assert_allclose(solve(H, np.array([4e10, 500.0, -7e8])), [-1.0, 0.0, 1.0], rtol=1e-4)
+
+
+
 # Marginalisation
 
 

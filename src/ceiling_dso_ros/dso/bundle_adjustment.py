@@ -46,9 +46,12 @@ def null_space(window: KeyframeWindow) -> np.ndarray:
 def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Step x of H x = -b for H symmetric positive semi-definite (n, n) float64; scales its diagonal to about one.
 
+    Where nothing is known, as along a motion that only sets the unit of length, rounding may leave a diagonal below
+    zero: no step there.
+
     Own Cholesky: for a window's size as fast as LAPACK, and neither its threads nor its summation order interfere.
     """
-    scale = 1.0 / np.sqrt(np.diag(H) + PRECONDITIONER)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 0.0) + PRECONDITIONER)
     scaled = scale[:, None] * H * scale
     scaled[np.diag_indices_from(scaled)] *= 1.0 + DAMPING
     return -scale * solve_positive(scaled, scale * b)
@@ -148,7 +151,7 @@ def marginalize_keyframe(window: KeyframeWindow, slot: int, affine_information: 
     H, b = window.prior.H.copy(), window.prior.b.copy()
     H[block, block] += diagonal[block]
     b[block] += gradient[block] - diagonal[block] * window.offsets[block]
-    scale = 1.0 / np.sqrt(np.diag(H)[block] + PRECONDITIONER)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H)[block], 0.0) + PRECONDITIONER)
     inverse = scale[:, None] * np.linalg.pinv(scale[:, None] * H[np.ix_(block, block)] * scale, hermitian=True) * scale
     gain = H[np.ix_(rest, block)] @ inverse
     reduced = H[np.ix_(rest, rest)] - gain @ H[np.ix_(block, rest)]

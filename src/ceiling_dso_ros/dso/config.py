@@ -109,7 +109,7 @@ class ActivationConfig:
     iterations: int = 3
     min_hessian: float = 50.0
     max_interval: float = 8.0  # pixels
-    min_quality: float = 4.0  # second best over best energy of the search; 3 lets more false matches in (tum_fr1_xyz)
+    min_quality: float = 3.0  # second best over best energy of the search
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -123,7 +123,7 @@ class OptimizationConfig:
 
     iterations: int = 6
     first_iterations: int = 15  # while there are fewer than 4 keyframes
-    marginalization_weight: float = 0.25
+    marginalization_weight: float = 0.5
     point_min_hessian: float = 50.0  # points below it are dropped instead of marginalised
     point_min_good_residuals: int = 4
     point_min_live_residuals: int = 3
