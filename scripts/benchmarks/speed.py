@@ -1,8 +1,10 @@
-"""Frame times on the shared recordings against their limits: one core, every frame to the end, default settings.
+"""Frame times against their limits: of the shared recordings, and of a simulated drive in real time.
 
-Times are in the unit of `evaluation/machine_speed.py`, measured right before and after each run. Each recording is also
-measured with numba restricted to AVX2, which is all that the robot's computer has, with a kernel cache of its own; the
-unit stays that of the whole processor.
+Recordings run on one core, every frame to the end, with default settings. Times are in the unit of
+`evaluation/machine_speed.py`, measured right before and after each run. Each recording is also measured with numba
+restricted to AVX2, which is all that the robot's computer has, with a kernel cache of its own; the unit stays that of
+the whole processor. The drive, `loops` on `factory` at 848x480 and 30 Hz, plays in real time with the mapping beside
+the tracking, on two cores; its bag stays in the folder.
 """
 
 import argparse
@@ -12,17 +14,22 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Dict, Iterator, List, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
 from support.drives import is_missing
+from support.rendered import RenderedDrives
 from support.table import Row, report
+
+from ceiling_dso_ros.simulation.config import SimulationConfig
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "data"))
 RECORDINGS = ("ceiling_loops", "tum_fr1_xyz")
 LIMITS = {"all": 3.6, "keyframes": 12.0, "others": 1.3}  # a third of the C++ reference's times
 LIMITS_AVX2 = {"all": 5.5}
+MEMORY_MB = 500.0
+SPEED_FACTORS = {15: 2.0, 7: 4.0}  # at least, by keyframes in the window: possible frame rate over that of the drive
 UNIT = "from ceiling_dso_ros.evaluation.machine_speed import machine_ms; print(machine_ms())"
 
 
@@ -36,13 +43,13 @@ def avx2_environment() -> Dict[str, str]:
     return {"NUMBA_CPU_FEATURES": allowed, "NUMBA_CACHE_DIR": str(cache)}
 
 
-def on_one_core(arguments: List[str], environment: Dict[str, str]) -> str:
-    """What a Python process prints that may use the first core only."""
-    core = min(os.sched_getaffinity(0))
+def on_cores(count: int, arguments: List[str], environment: Dict[str, str]) -> str:
+    """What a Python process prints that may use so many cores."""
+    cores = sorted(os.sched_getaffinity(0))[:count]
     return subprocess.run(
         [sys.executable, *arguments],
         env={**os.environ, **environment},
-        preexec_fn=lambda: os.sched_setaffinity(0, {core}),
+        preexec_fn=lambda: os.sched_setaffinity(0, cores),
         stdout=subprocess.PIPE,
         check=True,
         text=True,
@@ -51,35 +58,61 @@ def on_one_core(arguments: List[str], environment: Dict[str, str]) -> str:
 
 def unit_ms() -> float:
     """The machine's unit now, on the core that is measured."""
-    return float(on_one_core(["-c", UNIT], {}))
+    return float(on_cores(1, ["-c", UNIT], {}))
 
 
-def measure(recording: Path, environment: Dict[str, str]) -> Tuple[Dict[str, float], Tuple[float, float]]:
-    """Frame times of one run in units by kind, and the unit before and after."""
+def benchmark(source: Path, cores: int, environment: Dict[str, str], *options: str) -> Dict[str, Any]:
+    """What the command `benchmark` writes."""
     with tempfile.TemporaryDirectory() as folder:
-        before = unit_ms()
-        command = ["-m", "ceiling_dso_ros", "benchmark", str(recording), "--repeats", "1", "--out", folder]
-        on_one_core(command, environment)
-        units = before, unit_ms()
-        result = json.loads((Path(folder) / "benchmark.json").read_text())
-    return {kind: ms / np.mean(units) for kind, ms in result["frame_ms"].items()}, units
+        command = ["-m", "ceiling_dso_ros", "benchmark", str(source), "--out", folder, *options]
+        on_cores(cores, command, environment)
+        return json.loads((Path(folder) / "benchmark.json").read_text())
 
 
-def rows(recording: Path, runs: int) -> Iterator[Row]:
+def measure(recording: Path, environment: Dict[str, str]) -> Tuple[Dict[str, float], float, Tuple[float, float]]:
+    """Of one run: frame times in units by kind, peak memory in MB, and the unit before and after."""
+    before = unit_ms()
+    result = benchmark(recording, 1, environment, "--repeats", "1")
+    units = before, unit_ms()
+    times = {kind: ms / float(np.mean(units)) for kind, ms in result["frame_ms"].items()}
+    return times, result["peak_memory_mb"], units
+
+
+def recording_rows(recording: Path, runs: int) -> Iterator[Row]:
     """With all that the processor has, and with AVX2 alone."""
     for cpu, environment, limits in (("", {}, LIMITS), (", AVX2", avx2_environment(), LIMITS_AVX2)):
+        subject = recording.name + cpu
         results = [measure(recording, environment) for _ in range(runs)]
         for kind, limit in limits.items():
-            yield Row(recording.name + cpu, f"{kind}, units", [times[kind] for times, _ in results], high=limit)
-        yield Row(recording.name + cpu, "unit before and after, ms", [unit for _, units in results for unit in units])
+            yield Row(subject, f"{kind}, units", [times[kind] for times, _, _ in results], high=limit)
+        yield Row(subject, "peak memory, MB", [memory for _, memory, _ in results], high=MEMORY_MB)
+        yield Row(subject, "unit before and after, ms", [unit for _, _, units in results for unit in units])
+
+
+def live_rows(bag: Path, runs: int) -> Iterator[Row]:
+    """In real time, with windows of two lengths."""
+    for keyframes, least in SPEED_FACTORS.items():
+        subject = f"{bag.stem}, live, window {keyframes}"
+        settings = ("--set", f"window.max_keyframes={keyframes}")
+        results = [benchmark(bag, 2, {}, "--live", "1", *settings) for _ in range(runs)]
+        yield Row(subject, "speed factor", [result["speed_factor"] for result in results], low=least)
+        yield Row(subject, "images dropped while tracking", [result["dropped"] for result in results], high=0)
+        for name in ("median", "p95"):
+            yield Row(subject, f"latency, {name}, ms", [result["latency_ms"][name] for result in results])
 
 
 def main() -> int:
     """Entry point; 1 when a limit does not hold."""
     parser = argparse.ArgumentParser(prog="scripts/bench speed", description=__doc__)
     parser.add_argument("--runs", metavar="N", type=int, default=3, help="of each recording (default 3)")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("out/bench/speed"), help="for the drive (default %(default)s)"
+    )
     options = parser.parse_args()
-    table = [row for name in RECORDINGS if not is_missing(DATA / name) for row in rows(DATA / name, options.runs)]
+    there = [DATA / name for name in RECORDINGS if not is_missing(DATA / name)]
+    table = [row for recording in there for row in recording_rows(recording, options.runs)]
+    drive = RenderedDrives(options.out / "drives").drive(SimulationConfig("loops", "factory"))
+    table += live_rows(options.out / "drives" / f"{drive.name}.bag", options.runs)
     print(report(table))
     return 0 if all(row.holds for row in table) else 1
 

@@ -251,7 +251,6 @@ def test_no_step_where_rounding_left_less_than_nothing():
     np.testing.assert_allclose(solve(H, np.array([4e10, 500.0, -7e8])), [-1.0, 0.0, 1.0], rtol=1e-4)
 
 
-
 # Marginalisation
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso.linear_solver import solve_positive
+from ceiling_dso_ros.dso.linear_solver import invert_positive, solve_positive
 
 
 def positive_matrix(rng, n):
@@ -49,3 +49,12 @@ def test_a_repeated_parameter_gets_a_finite_solution():
     x = solve_positive(H, b)
     np.testing.assert_allclose(H @ x, b, atol=1e-8)
     assert x[3] == 0
+
+
+def test_inverse_is_numpys_and_zero_where_nothing_is_known():
+    rng = np.random.default_rng(0)
+    H = np.zeros((8, 8))
+    H[:6, :6] = positive_matrix(rng, 6)
+    expected = np.zeros((8, 8))
+    expected[:6, :6] = np.linalg.inv(H[:6, :6])
+    np.testing.assert_allclose(invert_positive(H), expected, rtol=1e-8, atol=1e-12)

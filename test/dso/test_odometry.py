@@ -1,8 +1,12 @@
 """The whole odometry on a small synthetic flight: accuracy, loss, garbage, repeatability."""
 
+import os
+import subprocess
+import sys
 import threading
 from concurrent.futures import wait
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,6 +184,28 @@ def test_tracking_goes_on_while_the_mapping_is_behind(images, frames_behind):
     assert all(status.keyframes[-1].stamp_s < status.stamp_s for status in late)
     odometry.reset()
     scheduler.close()
+
+
+def test_threads_of_the_linear_algebra_do_not_change_a_byte():
+    """Its summation order depends on their number, hence on the processor."""
+    script = (
+        "from test_odometry import CAMERA, CONFIG, FRAMES, SURFACE, DirectOdometry, pose, run\n"
+        "import numpy as np, sys\n"
+        "images = [SURFACE.render(np.linalg.inv(pose(k))).clip(0, 255) for k in range(FRAMES)]\n"
+        "poses = [status.T_world_camera for status in run(DirectOdometry(CAMERA, CONFIG), images)]\n"
+        "sys.stdout.write(b''.join(T.tobytes() for T in poses if T is not None).hex())\n"
+    )
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", script],
+            env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": number},
+            stdout=subprocess.PIPE,
+            check=True,
+        ).stdout
+        for number in ("1", "2")
+    ]
+    assert outputs[0] == outputs[1] != b""
 
 
 def test_reset_gives_the_same_bytes_again(flight, images):

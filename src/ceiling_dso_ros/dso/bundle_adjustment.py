@@ -5,7 +5,7 @@ from typing import Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.config import OptimizationConfig
-from ceiling_dso_ros.dso.linear_solver import solve_positive
+from ceiling_dso_ros.dso.linear_solver import invert_positive, solve_positive
 from ceiling_dso_ros.dso.linearization import Linearization
 from ceiling_dso_ros.dso.points import INLIER, NONE, PointTable
 from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
@@ -152,7 +152,7 @@ def marginalize_keyframe(window: KeyframeWindow, slot: int, affine_information: 
     H[block, block] += diagonal[block]
     b[block] += gradient[block] - diagonal[block] * window.offsets[block]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H)[block], 0.0) + PRECONDITIONER)
-    inverse = scale[:, None] * np.linalg.pinv(scale[:, None] * H[np.ix_(block, block)] * scale, hermitian=True) * scale
+    inverse = scale[:, None] * invert_positive(scale[:, None] * H[np.ix_(block, block)] * scale) * scale
     gain = H[np.ix_(rest, block)] @ inverse
     reduced = H[np.ix_(rest, rest)] - gain @ H[np.ix_(block, rest)]
     window.remove_keyframe(slot)

@@ -10,6 +10,7 @@ from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.candidates import CandidateTable
 from ceiling_dso_ros.dso.config import InitializationConfig
 from ceiling_dso_ros.dso.initialization_kernels import align_level, smooth
+from ceiling_dso_ros.dso.linear_solver import solve_positive
 from ceiling_dso_ros.dso.linearization import scratch_memory
 from ceiling_dso_ros.dso.neighbourhood import nearest_neighbours
 from ceiling_dso_ros.dso.points import PointArrays, ResidualArrays, point_arrays, residual_arrays
@@ -235,8 +236,8 @@ class Initializer:
         """Plane n with idepth = n . ray, (3,), least squares over the informative points of the finest level."""
         level = self._levels[0]
         seen = level.points.idepth_hessian[: level.count] > 0
-        plane, *_ = np.linalg.lstsq(self._rays(0)[seen], level.target[seen], rcond=None)
-        return plane
+        rays = self._rays(0)[seen]
+        return solve_positive(np.einsum("ij,ik->jk", rays, rays), np.einsum("ij,i->j", rays, level.target[seen]))
 
     def _plane_idepth(self, index: int, plane: np.ndarray) -> np.ndarray:
         return (self._rays(index) @ plane).astype(np.float32)

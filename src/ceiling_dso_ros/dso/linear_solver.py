@@ -1,4 +1,7 @@
-"""Small dense symmetric positive definite systems, solved inside kernels."""
+"""Small dense symmetric positive definite systems, solved inside kernels.
+
+LAPACK rounds differently with another number of threads, also for systems as small as these; poses must not.
+"""
 
 import math
 
@@ -43,3 +46,14 @@ def solve_positive(H: np.ndarray, b: np.ndarray) -> np.ndarray:
             total -= L[k, i] * x[k]
         x[i] = total / L[i, i] if L[i, i] > 0.0 else 0.0
     return x * scale
+
+
+@kernel
+def invert_positive(H: np.ndarray) -> np.ndarray:
+    """Inverse of H, (n, n) float64, symmetric positive semi-definite; zero in directions without information."""
+    inverse, unit = np.empty_like(H), np.zeros(H.shape[0])
+    for i in range(unit.size):
+        unit[i] = 1.0
+        inverse[:, i] = solve_positive(H, unit)
+        unit[i] = 0.0
+    return inverse
