@@ -51,7 +51,7 @@ class InitializationConfig:
     max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
     min_share: float = 0.3  # of the wanted active points that a first map must have
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
-    translation_coupling: float = 1000.0  # and the translation to zero; more lets a rotation pass for it
+    translation_coupling: float = 2000.0  # and the translation to zero; more lets a rotation pass for it
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
 
     def check(self) -> None:
