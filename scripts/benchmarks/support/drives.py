@@ -29,11 +29,13 @@ class OdometryRun:
 
     Attributes:
         config: the odometry's settings.
+        first: index of the first image that is taken.
         every: of so many images one is taken.
         predict: the recording's wheels tell how the camera has moved.
     """
 
     config: OdometryConfig = OdometryConfig()
+    first: int = 0
     every: int = 1
     predict: bool = False
 
@@ -44,7 +46,8 @@ class OdometryRun:
         fusion = FusionPlayback(recording.wheels, robot_model(recording.robot)) if self.predict else None
         frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
         statuses = []
-        for frame in itertools.islice((frame for frame in frames if isinstance(frame, Frame)), 0, None, self.every):
+        usable = (frame for frame in frames if isinstance(frame, Frame))
+        for frame in itertools.islice(usable, self.first, None, self.every):
             T_last_camera = fusion.predicted_motion(statuses[-1], frame.stamp_s) if fusion and statuses else None
             image = preprocess(frame.image)
             statuses.append(odometry.track(image, frame.stamp_s, frame.exposure_ms, T_last_camera))

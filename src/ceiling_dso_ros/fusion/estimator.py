@@ -122,6 +122,7 @@ class FusionEstimator:
 
     def smoothed(self) -> List[SmoothedNode]:
         """All keyframes so far as the graph of the whole recording sees them, in odom; needs keep_history."""
+        self._use_waiting()  # the last image may be a keyframe, and no wheel sample come after it
         return self._backend.smoothed(self._origin)
 
     def _add_step(self, step: Optional[WheelStep]) -> Optional[FusedState]:
@@ -138,12 +139,7 @@ class FusionEstimator:
             self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_s)
         self._track.add(step)
         step = self._output.predict(step, slipping=step.end_s < self._slipping_until_s)
-        while self._waiting and self._waiting[0][0] <= self._track.end_s:
-            stamp_s, _, item = self._waiting.pop(0)
-            if isinstance(item, KeyframeEstimate):
-                self._use_keyframe(item, stamp_s)
-            else:
-                self._use_frame(item)
+        self._use_waiting()
         pose, twist, twist_covariance = self._output.publish(step)
         state, reasons = self._health.judge(step.end_s, self._backend)
         return FusedState(
@@ -156,6 +152,15 @@ class FusionEstimator:
             reasons,
             self.scale,
         )
+
+    def _use_waiting(self) -> None:
+        """Use what came from the camera for times that the wheels have reached by now."""
+        while self._waiting and not self._track.empty and self._waiting[0][0] <= self._track.end_s:
+            stamp_s, _, item = self._waiting.pop(0)
+            if isinstance(item, KeyframeEstimate):
+                self._use_keyframe(item, stamp_s)
+            else:
+                self._use_frame(item)
 
     def _on_wheel_clock(self, stamp_s: float) -> float:
         return stamp_s + self.robot.camera_time_offset_s
