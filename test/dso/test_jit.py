@@ -63,7 +63,7 @@ for kernel in (residual_kernels.sum_pattern, tracking_kernels.accumulate):
 @pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx2"), reason="the processor has no gather instruction")
 def test_loops_over_pixels_are_vectorised(tmp_path):
     """They are as long as all that they call is inlined: nothing else tells, but twice the time."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     output = subprocess.run(
         [sys.executable, "-c", GATHERS], env=environment, stdout=subprocess.PIPE, check=True, text=True
     ).stdout
