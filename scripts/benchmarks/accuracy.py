@@ -61,7 +61,7 @@ def recordings(tracked: TrackedDrives, _: int) -> Iterator[Row]:
 
 
 def starts(tracked: TrackedDrives, _: int) -> Iterator[Row]:
-    """The recording taken by hand from ten first images on: how much of its figures is chance."""
+    """The recording taken by hand from several first images on: how much of its figures is chance."""
     name = "tum_fr1_xyz"
     if is_missing(DATA / name):
         return

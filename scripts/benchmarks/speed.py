@@ -112,7 +112,7 @@ def main() -> int:
     there = [DATA / name for name in RECORDINGS if not is_missing(DATA / name)]
     table = [row for recording in there for row in recording_rows(recording, options.runs)]
     drive = RenderedDrives(options.out / "drives").drive(SimulationConfig("loops", "factory"))
-    table += live_rows(options.out / "drives" / f"{drive.name}.bag", options.runs)
+    table += live_rows(drive.bag, options.runs)
     print(report(table))
     return 0 if all(row.holds for row in table) else 1
 

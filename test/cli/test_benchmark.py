@@ -54,3 +54,17 @@ def test_live(folder, tmp_path, capsys):
 def test_wrong_usage(folder, arguments, words, capsys):
     assert main(["benchmark", str(folder), *arguments]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_live_compares_with_nothing(folder, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["benchmark", str(folder), "--live", "1", "--vs", "."])
+    assert end.value.code == 2
+    assert "--live" in capsys.readouterr().err
+
+
+def test_live_tells_of_what_it_skips(folder, capfd):
+    """A broken image costs itself, no more."""
+    (folder / "images" / "00002.png").write_bytes(b"")
+    assert main(["benchmark", str(folder), "--live", "1"]) == 0
+    assert "00002.png" in "".join(capfd.readouterr())

@@ -9,6 +9,7 @@ from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.candidates import CandidateTable
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
+from ceiling_dso_ros.dso.linearization import Linearization
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 from ceiling_dso_ros.dso.selection import SelectedPixels
 from ceiling_dso_ros.dso.window import KeyframeWindow
@@ -134,3 +135,20 @@ def true_window(
         u, v = random_pixels(rng, points_per_host)
         add_points(result, host, u, v, surface.idepth(T, u, v))
     return result
+
+
+RELIEF = Surface(slope=(-0.2, 0.1), relief=0.08)
+HOLD_FIRST = [4e10] * 3 + [1e11] * 3 + [1e12, 1e8]
+
+
+def linearized(window):
+    """All residuals of a window, linearised at its estimate."""
+    result = Linearization(window.keyframes.offset.shape[0], window.points.capacity)
+    result.update(window, window.points)
+    return result
+
+
+def hold_first_keyframe(window, intrinsics=1e8):
+    """A prior as the first keyframe of a segment has it."""
+    window.prior.H[np.arange(4), np.arange(4)] = intrinsics
+    window.prior.H[np.arange(4, 12), np.arange(4, 12)] = HOLD_FIRST

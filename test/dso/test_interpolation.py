@@ -28,7 +28,7 @@ def test_sample_is_bilinear():
 def test_value_is_cubic_and_gradient_is_interpolated_central_differences():
     x, y = positions(1, 2.01)
     ours = np.array([sample_gradient(IMAGE.ravel(), WIDTH, a, b) for a, b in zip(x, y)])
-    np.testing.assert_allclose(ours.T, sample_by_definition(IMAGE, x, y), atol=2e-3)
+    np.testing.assert_allclose(ours.T, sample_by_definition(IMAGE, x, y), atol=1e-3)
 
 
 def test_value_beside_the_gradient_is_exact_on_surfaces_of_second_order():

@@ -18,14 +18,19 @@ class RenderedDrive:
     """A simulated drive and the bag that holds it.
 
     Attributes:
-        name: of the bag, without its ending.
+        bag: where it is.
         simulated: for the truth; its images would have to be rendered.
         recording: the bag, in which they are.
     """
 
-    name: str
+    bag: Path
     simulated: SimulatedRecording
     recording: Recording
+
+    @property
+    def name(self) -> str:
+        """The bag's, without its ending."""
+        return self.bag.stem
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class RenderedDrives:
         if not bag.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             _render(simulated, bag)
-        return RenderedDrive(name, simulated, open_recording(bag, robot_file=files_beside(bag)["robot"]))
+        return RenderedDrive(bag, simulated, open_recording(bag, robot_file=files_beside(bag)["robot"]))
 
 
 def _render(simulated: SimulatedRecording, bag: Path) -> None:

@@ -2,6 +2,8 @@
 
 import argparse
 import json
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
 
@@ -25,16 +27,14 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
     parser.add_argument("--repeats", metavar="N", type=int, default=3, help="passes over the recording (default 3)")
-    parser.add_argument(
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument(
         "--vs", metavar="FOLDER", type=Path, help="compare with the benchmark.json or reference.json in there"
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write benchmark.json there; made if missing")
-    parser.add_argument(
-        "--live",
-        metavar="RATE",
-        type=float,
-        help="play it RATE times as fast as it was, once, dropping what is late",
+    kind.add_argument(
+        "--live", metavar="RATE", type=float, help="play it RATE times as fast as it was, once, dropping what is late"
     )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write benchmark.json there; made if missing")
     parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
     parser.add_argument(
         "--set", metavar="key=value", dest="overrides", action="append", default=[], help="one setting; may be repeated"
@@ -98,21 +98,33 @@ def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, ref
 
 def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float) -> Report:
     """In real time or faster, mapping beside the tracking; the images are read beforehand."""
-    from ceiling_dso_ros.dso import DirectOdometry
+    from tqdm import tqdm
+
+    from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus
     from ceiling_dso_ros.dso.schedulers import LiveScheduler
+    from ceiling_dso_ros.dso.stage_timer import StageTimer
     from ceiling_dso_ros.evaluation.live_benchmark import describe, play_live
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
-    from ceiling_dso_ros.io.recording import Frame
+    from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 
-    frames = [frame for frame in recording.frames() if isinstance(frame, Frame)]
+    frames = []
+    for frame in recording.frames():
+        if isinstance(frame, SkippedFrame):
+            tqdm.write(frame.reason)
+        else:
+            frames.append(frame)
     if len(frames) < 2:
         raise InputError(f"{len(frames)} usable images: a benchmark needs at least 2")
     preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
-    scheduler = LiveScheduler()
-    odometry = DirectOdometry(recording.calibration.camera, config, scheduler)
-    run = play_live(
-        frames, lambda frame: odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms), rate
-    )
-    scheduler.close()
-    result = run.summary()
+    with closing(LiveScheduler()) as scheduler:
+        odometry = DirectOdometry(recording.calibration.camera, config, scheduler)
+
+        def track(frame: Frame) -> OdometryStatus:
+            timer = StageTimer()
+            with timer.stage("undistort"):
+                image = preprocess(frame.image)
+            status = odometry.track(image, frame.stamp_s, frame.exposure_ms)
+            return replace(status, timing_ms={**timer.timing_ms, **status.timing_ms})
+
+        result = play_live(frames, track, rate).summary()
     return result, describe(result)

@@ -65,8 +65,9 @@ class FusionPlayback:
         return None if motion is None else motion.T_start_end
 
     def finish(self) -> None:
-        """Take in the wheel samples after the last image."""
+        """Take in the wheel samples after the last image, and what has waited for more."""
         self._play_wheels(np.inf)
+        self.estimator.finish()
 
     def write(self, directory: Path) -> None:
         """Write wheel.tum, fused.tum and fused_smoothed.tum: base_link in odom.

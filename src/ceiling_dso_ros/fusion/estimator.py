@@ -120,9 +120,12 @@ class FusionEstimator:
         start_s, end_s = self._on_wheel_clock(start_s), self._on_wheel_clock(end_s)
         return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, start_s, end_s)
 
+    def finish(self) -> None:
+        """The recording is over: use what waits for a wheel sample after it, as a keyframe of the last image does."""
+        self._use_waiting()
+
     def smoothed(self) -> List[SmoothedNode]:
         """All keyframes so far as the graph of the whole recording sees them, in odom; needs keep_history."""
-        self._use_waiting()  # the last image may be a keyframe, and no wheel sample come after it
         return self._backend.smoothed(self._origin)
 
     def _add_step(self, step: Optional[WheelStep]) -> Optional[FusedState]:
