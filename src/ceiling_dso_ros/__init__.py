@@ -1,6 +1,11 @@
 """Ceiling visual odometry for indoor industrial robots: Direct Sparse Odometry and wheel fusion."""
 
+import os
 from pkgutil import extend_path
+
+# Before numpy is loaded: all matrices here are small, and the threads of its linear algebra would wait for work busily,
+# on the core that the tracking needs.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # catkin's devel space has a second folder of this package: the generated msg and cfg.
 __path__ = extend_path(__path__, __name__)

@@ -57,6 +57,12 @@ def test_a_higher_rate_leaves_less_time():
     assert play(lambda index: 0.04, rate=2.0)[0].dropped == 0
 
 
+def test_the_making_of_the_first_map_may_take_its_time():
+    run, seen = play(lambda index: 0.25 if index == 0 else 0.03)
+    assert seen == [0, 2, 3, 4, 5, 6, 7, 8, 9]
+    assert run.dropped == 0
+
+
 def test_what_is_dropped_before_the_first_pose_is_not_counted():
     run, seen = play(lambda index: 0.25, state=TrackingState.INITIALIZING)
     assert len(seen) < 10

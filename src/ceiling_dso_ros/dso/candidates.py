@@ -8,6 +8,7 @@ from ceiling_dso_ros.dso.interpolation import sample_gradient
 from ceiling_dso_ros.dso.jit import kernel
 from ceiling_dso_ros.dso.pattern import GRADIENT_WEIGHT, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.selection import SelectedPixels
+from ceiling_dso_ros.dso.struct_of_arrays import struct_of_arrays
 
 # What the last trace of a candidate ended with.
 UNTRACED = 0
@@ -21,6 +22,7 @@ DELETED = 6
 UNSEARCHED_QUALITY = 1e4  # until a first search; searches give less
 
 
+@struct_of_arrays
 class CandidateArrays(NamedTuple):
     """Candidates as a struct of arrays of equal capacity, float32 unless said otherwise.
 

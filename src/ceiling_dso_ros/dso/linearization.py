@@ -29,15 +29,19 @@ from ceiling_dso_ros.dso.residual_kernels import (
     gather_live,
     pixel_sums,
     sum_pattern,
+    take,
 )
+from ceiling_dso_ros.dso.struct_of_arrays import struct_of_arrays
 from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeArrays, KeyframeWindow
 
 
+@struct_of_arrays
 class Scratch(NamedTuple):
     """Memory that one linearisation works in; float32.
 
     Attributes:
-        live, live_sums: the points of a pair with live residuals, and the sums of these.
+        live, live_sums: the points of a pair with live residuals, and the sums of these; one more entry stays zero.
+        position: (capacity,) int64 where in live_sums the inlier of a host's point is, or at the entry that is zero.
         sums: per point of the host, zero where there is no inlier.
         jacobian_x, jacobian_y: (11, capacity) geometry and idepth columns.
         weighted_x, weighted_y: (13, capacity) the same times the weights, with gain, offset and residual.
@@ -46,6 +50,7 @@ class Scratch(NamedTuple):
 
     live: LivePoints
     live_sums: PixelSums
+    position: np.ndarray
     sums: PixelSums
     jacobian_x: np.ndarray
     jacobian_y: np.ndarray
@@ -59,42 +64,37 @@ def scratch_memory(slots: int, capacity: int) -> Scratch:
     """Scratch for hosts of up to `capacity` points in a window of `slots` keyframes."""
     schur_rows = INTRINSICS + RELATIVE_PARAMETERS * slots + 1
     rows = (GEOMETRY + 1, GEOMETRY + 1, COLUMNS, COLUMNS, schur_rows, schur_rows)
-    memory = LivePoints.of_capacity(capacity), pixel_sums(capacity), pixel_sums(capacity)
-    return Scratch(*memory, *(np.zeros((r, capacity), np.float32) for r in rows))
+    return Scratch(
+        LivePoints.of_capacity(capacity), pixel_sums(capacity + 1), np.zeros(capacity, np.int64), pixel_sums(capacity),
+        *(np.zeros((r, capacity), np.float32) for r in rows),
+    )  # fmt: skip
 
 
 @kernel
 def classify(
     index: np.ndarray, live_sums: PixelSums, threshold: np.float32, state: np.ndarray, energy: np.ndarray,
-    sums: PixelSums,
+    position: np.ndarray, nowhere: int,
 ) -> tuple:  # fmt: skip
-    """Decide which live residuals of a pair are inliers and spread the sums of those over the host's points.
+    """Decide which live residuals of a pair are inliers.
 
     Args:
         index: (live residuals,) which point each belongs to.
-        state, energy, sums: of all points; the sums are zero but for inliers.
+        state, energy: of all points; those of the live residuals are updated.
+        position: (points,) int64 output, where among the live residuals a point's inlier is; `nowhere` if it has none.
 
     Returns:
         Sum of energies, outliers counted with the threshold, and the number of live residuals in the image.
     """
-    total, count, n = np.float32(0), 0, state.size
-    for array in sums:
-        array[:n] = 0
-    for k in range(index.size):
-        i = index[k]
-        if live_sums.in_bounds[k] == 0:
-            state[i] = OUT_OF_BOUNDS
-            continue
-        energy[i] = live_sums.energy[k]
-        count += 1
-        if live_sums.energy[k] > threshold or live_sums.gradient[k] < MIN_GRADIENT:
-            state[i] = OUTLIER
-            total += threshold
-        else:
-            state[i] = INLIER
-            total += live_sums.energy[k]
-            for array, live_array in zip(sums, live_sums):
-                array[i] = live_array[k]
+    total, count = np.float32(0), 0
+    position[:] = nowhere
+    for k in range(index.size):  # without a branch, which nothing could predict
+        i, inside = index[k], live_sums.in_bounds[k] != 0
+        good = inside and live_sums.energy[k] <= threshold and live_sums.gradient[k] >= MIN_GRADIENT
+        state[i] = INLIER if good else (OUTLIER if inside else OUT_OF_BOUNDS)
+        energy[i] = live_sums.energy[k] if inside else energy[i]
+        position[i] = k if good else nowhere
+        total += live_sums.energy[k] if good else (threshold if inside else np.float32(0))
+        count += np.int64(inside)
     return total, count
 
 
@@ -113,7 +113,13 @@ def sum_pair(
     sum_pattern(
         image, width, height, KRKi, Kt, gain, offset, host_offset, scratch.live, count, scratch.live_sums
     )  # fmt: skip
-    return classify(scratch.live.index[:count], scratch.live_sums, threshold, state, energy, scratch.sums)
+    n, position = live.size, scratch.position[: live.size]
+    energy_sum, in_view = classify(
+        scratch.live.index[:count], scratch.live_sums, threshold, state, energy, position, scratch.position.size
+    )
+    for array, live_array in zip(scratch.sums, scratch.live_sums):
+        take(live_array, position, array[:n])
+    return energy_sum, in_view
 
 
 @kernel

@@ -6,9 +6,11 @@ import numpy as np
 
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.jit import kernel
+from ceiling_dso_ros.dso.struct_of_arrays import struct_of_arrays
 from ceiling_dso_ros.dso.window import KeyframeArrays
 
 
+@struct_of_arrays
 class PairGeometry(NamedTuple):
     """Arrays indexed by (host, target); float32 but for the adjoints.
 
@@ -49,18 +51,8 @@ def intrinsic_inverse(intrinsics: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def pair_geometry(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray) -> PairGeometry:
-    """PairGeometry of the first n keyframes; intrinsics (4,) float64."""
-    pairs = PairGeometry(
-        np.zeros((n, n, 3, 3), np.float32),
-        np.zeros((n, n, 3), np.float32),
-        np.zeros((n, n), np.float32),
-        np.zeros((n, n), np.float32),
-        np.zeros((n, n, 3, 3), np.float32),
-        np.zeros((n, n, 3), np.float32),
-        np.zeros((n, n), np.float32),
-        np.zeros((n, n, 6, 6)),
-    )
+def fill_pairs(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray, pairs: PairGeometry) -> None:
+    """Fill in the geometry of the pairs of the first n keyframes."""
     K, K_inverse = intrinsic_matrix(intrinsics), intrinsic_inverse(intrinsics)
     for host in range(n):
         T_world_host = se3.inverse(keyframes.T_camera_world[host])
@@ -82,4 +74,19 @@ def pair_geometry(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray) -> 
                 keyframes.affine_eval[target, 0] - keyframes.affine_eval[host, 0]
             )
             pairs.adjoint_eval[host, target] = se3.adjoint(T_eval)
+
+
+def pair_geometry(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray) -> PairGeometry:
+    """PairGeometry of the first n keyframes; intrinsics (4,) float64."""
+    pairs = PairGeometry(
+        KRKi=np.zeros((n, n, 3, 3), np.float32),
+        Kt=np.zeros((n, n, 3), np.float32),
+        gain=np.zeros((n, n), np.float32),
+        offset=np.zeros((n, n), np.float32),
+        R_eval=np.zeros((n, n, 3, 3), np.float32),
+        t_eval=np.zeros((n, n, 3), np.float32),
+        gain_eval=np.zeros((n, n), np.float32),
+        adjoint_eval=np.zeros((n, n, 6, 6)),
+    )
+    fill_pairs(keyframes, n, intrinsics, pairs)
     return pairs

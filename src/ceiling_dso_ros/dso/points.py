@@ -5,6 +5,7 @@ from typing import NamedTuple, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.pattern import PATTERN_SIZE
+from ceiling_dso_ros.dso.struct_of_arrays import struct_of_arrays
 
 # State of a residual, one per (target keyframe, point).
 NONE = 0  # never there, or removed
@@ -15,6 +16,7 @@ OUT_OF_BOUNDS = 3  # left the target's image
 RELATIVE_PARAMETERS = 8  # of a host-target pair: motion (translation, rotation), gain, offset
 
 
+@struct_of_arrays
 class PointArrays(NamedTuple):
     """Active points as a struct of arrays of equal capacity, float32 unless said otherwise.
 
@@ -42,6 +44,7 @@ class PointArrays(NamedTuple):
     good_residuals: np.ndarray
 
 
+@struct_of_arrays
 class ResidualArrays(NamedTuple):
     """Residuals in dense slots (target, point).
 

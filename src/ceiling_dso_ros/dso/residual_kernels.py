@@ -13,6 +13,7 @@ import numpy as np
 from ceiling_dso_ros.dso.interpolation import sample_gradient
 from ceiling_dso_ros.dso.jit import kernel, kernel_noalias
 from ceiling_dso_ros.dso.pattern import GRADIENT_WEIGHT, HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
+from ceiling_dso_ros.dso.struct_of_arrays import struct_of_arrays
 
 GEOMETRY = 10  # columns of the geometric Jacobian: fx fy cx cy, translation, rotation
 COLUMNS = 13  # and gain, offset, residual
@@ -20,6 +21,7 @@ MIN_GRADIENT = np.float32(2.0)  # sum of w^2 |grad I|^2 that a residual needs
 ZERO, ONE, TWO, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
 
 
+@struct_of_arrays
 class PixelSums(NamedTuple):
     """Sums over the pattern of one residual per entry, float32, weighted with w^2 and Huber's weight.
 
@@ -47,6 +49,7 @@ class PixelSums(NamedTuple):
     in_bounds: np.ndarray
 
 
+@struct_of_arrays
 class LivePoints(NamedTuple):
     """The points of a host that have a live residual in one target, gathered to stand next to each other.
 
@@ -136,10 +139,9 @@ def gather_live(
 ) -> int:  # fmt: skip
     """Gather a host's points, from `first` on, whose entry in live is not zero; returns their number."""
     count = 0
-    for i in range(live.size):
-        if live[i]:
-            points.index[count] = i
-            count += 1
+    for i in range(live.size):  # without a branch, which nothing could predict
+        points.index[count] = i
+        count += np.int64(live[i] != 0)
     last = first + live.size
     index = points.index[:count]
     take(u[first:last], index, points.u[:count])

@@ -11,12 +11,14 @@ from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.points import PointTable
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.struct_of_arrays import struct_of_arrays
 
 INTRINSICS = 4
 FRAME_PARAMETERS = 8  # translation, rotation, a, b
 FIRST_ENERGY_THRESHOLD = 8.0 * 8.0 * 8.0
 
 
+@struct_of_arrays
 class KeyframeArrays(NamedTuple):
     """Keyframes as a struct of arrays; slot 0 is the oldest.
 

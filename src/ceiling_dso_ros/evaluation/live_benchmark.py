@@ -20,7 +20,7 @@ class LiveRun:
     Attributes:
         statuses: of the images, in their order.
         latencies_ms: (images,) from an image's time to its pose.
-        dropped: images that were outdated when the odometry was ready for one, after the first pose.
+        dropped: images that were outdated when the odometry was ready for one, after the one with the first pose.
         frame_rate_hz: of the recording.
     """
 
@@ -71,7 +71,7 @@ def play_live(
     while index < len(frames):
         sleep(max(due_s[index] - clock(), 0.0))
         newest = max(int(np.searchsorted(due_s, clock(), side="right")) - 1, index)
-        if any(status.state is TrackingState.TRACKING for status in statuses[-1:]):
+        if [status.state for status in statuses[-2:]] == 2 * [TrackingState.TRACKING]:  # the first makes a map
             dropped += newest - index
         statuses.append(track(frames[newest]))
         latencies_s.append(clock() - due_s[newest])
