@@ -57,7 +57,7 @@ def test_later_calls_are_not_typed_in_python(monkeypatch):
 
 def test_arrays_that_a_kernel_would_misread_are_refused():
     struct = outer()
-    with pytest.raises(TypeError, match="Inner.x is not C-contiguous"):
+    with pytest.raises(TypeError, match=r"Inner\.x is not C-contiguous"):
         fill(struct._replace(inner=Inner(np.ones(6)[::2], np.ones(3))))
-    with pytest.raises(TypeError, match="Outer.rows is not C-contiguous"):
+    with pytest.raises(TypeError, match=r"Outer\.rows is not C-contiguous"):
         fill(struct._replace(rows=struct.rows.T))
