@@ -8,7 +8,7 @@ import numpy as np
 from ceiling_dso_ros.dso import candidates as status
 from ceiling_dso_ros.dso.candidates import CandidateArrays
 from ceiling_dso_ros.dso.interpolation import sample, sample_gradient
-from ceiling_dso_ros.dso.jit import kernel, kernel_noalias
+from ceiling_dso_ros.dso.jit import kernel, kernel_inlined, kernel_noalias
 from ceiling_dso_ros.dso.pattern import HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 
 BORDER = 5.0  # pixels that the search keeps off the image's edge
@@ -21,6 +21,7 @@ OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 1.2
 SECOND_BEST_RADIUS = 2
 MAX_QUALITY = np.float32(0.1 * status.UNSEARCHED_QUALITY)
 DEPTH_RATIO = (0.75, 1.5)
+SEARCH = -1  # not an outcome: the interval is long enough for a search
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
 Point = Tuple[float, float, float]
@@ -88,15 +89,15 @@ def refine_along_line(
     return best_x, best_y, best_energy
 
 
-@kernel
+@kernel_inlined
 def inside(x: float, y: float, width: int, height: int) -> bool:
     """Whether a search may end at (x, y)."""
-    return x > BORDER and y > BORDER and x < width - 1 - BORDER and y < height - 1 - BORDER
+    return (x > BORDER) & (y > BORDER) & (x < width - 1 - BORDER) & (y < height - 1 - BORDER)
 
 
-@kernel
+@kernel_inlined
 def epipolar_segment(
-    projected: Point, Kt: np.ndarray, idepth_min: float, idepth_max: float, max_search: float
+    projected: Point, Kt: Point, idepth_min: float, idepth_max: float, max_search: float
 ) -> Tuple[float, float, float, float, float]:
     """Where the interval of inverse depth projects: start (x, y), direction of growing idepth, and length in pixels."""
     z = projected[2] + Kt[2] * idepth_min
@@ -108,10 +109,49 @@ def epipolar_segment(
     dx = (projected[0] + Kt[0] * far) / z_far - x
     dy = (projected[1] + Kt[1] * far) / z_far - y
     length = math.sqrt(dx * dx + dy * dy)
-    if length < 1e-9:
-        return x, y, 0.0, 0.0, 0.0
     reach = max_search if unbounded else min(length, max_search)
-    return x, y, dx / length, dy / length, reach
+    moves = length >= 1e-9
+    return x, y, (dx / length if moves else 0.0), (dy / length if moves else 0.0), (reach if moves else 0.0)
+
+
+@kernel_noalias
+def plan_searches(
+    u: np.ndarray, v: np.ndarray, idepth_min: np.ndarray, idepth_max: np.ndarray, grad_xx: np.ndarray,
+    grad_xy: np.ndarray, grad_yy: np.ndarray, width: int, height: int, KRKi: np.ndarray, Kt: np.ndarray,
+    max_search: float, x: np.ndarray, y: np.ndarray, line_x: np.ndarray, line_y: np.ndarray, length: np.ndarray,
+    error: np.ndarray, outcome: np.ndarray,
+) -> None:  # fmt: skip
+    """Find where candidates of a host would be searched, and which of them need no search.
+
+    Args:
+        u, v, idepth_min, idepth_max, grad_xx, grad_xy, grad_yy: (n,) float32, as in `CandidateArrays`.
+        width, height, KRKi, Kt, max_search: as in `trace_host`.
+        x, y, line_x, line_y, length: (n,) float64 output, as `epipolar_segment` returns them.
+        error: (n,) float64 output, what the gradient lets a search be wrong by, pixels.
+        outcome: (n,) int64 output, SEARCH or the status of a candidate that is not searched.
+    """
+    k00, k01, k02, k10, k11, k12 = KRKi[0, 0], KRKi[0, 1], KRKi[0, 2], KRKi[1, 0], KRKi[1, 1], KRKi[1, 2]
+    k20, k21, k22, kt = KRKi[2, 0], KRKi[2, 1], KRKi[2, 2], (Kt[0], Kt[1], Kt[2])
+    for i in range(u.size):
+        low, high = np.float64(idepth_min[i]), np.float64(idepth_max[i])
+        projected = (
+            k00 * u[i] + k01 * v[i] + k02,
+            k10 * u[i] + k11 * v[i] + k12,
+            k20 * u[i] + k21 * v[i] + k22,
+        )
+        ratio = projected[2] + kt[2] * low
+        start_x, start_y, cx, cy, reach = epipolar_segment(projected, kt, low, high, max_search)
+        in_view = (ratio > DEPTH_RATIO[0]) & (ratio < DEPTH_RATIO[1]) & inside(start_x, start_y, width, height)
+        in_view &= inside(start_x + reach * cx, start_y + reach * cy, width, height)
+        bounded = not math.isnan(high)
+        short = ((reach < MIN_INTERVAL) & bounded) | (reach == 0.0)
+        along = cx * cx * grad_xx[i] + 2.0 * cx * cy * grad_xy[i] + cy * cy * grad_yy[i]
+        across = cy * cy * grad_xx[i] - 2.0 * cx * cy * grad_xy[i] + cx * cx * grad_yy[i]
+        uncertainty = 0.2 + 0.2 * (along + across) / max(along, 1e-6)
+        searched = SEARCH if not (bounded & (2.0 * uncertainty > reach)) else status.BAD_CONDITION
+        outcome[i] = (status.SKIPPED if short else searched) if in_view else status.OUT_OF_BOUNDS
+        x[i], y[i], line_x[i], line_y[i], length[i] = start_x, start_y, cx, cy, reach
+        error[i] = min(uncertainty, MAX_ERROR)
 
 
 @kernel
@@ -123,41 +163,13 @@ def idepth_at(projected: Point, Kt: np.ndarray, x: float, y: float, line_x: floa
 
 
 @kernel
-def trace_one(
+def search(
     candidates: CandidateArrays, i: int, image: np.ndarray, width: int, height: int,
-    KRKi: np.ndarray, Kt: np.ndarray, gain: float, offset: float, max_search: float,
+    KRKi: np.ndarray, Kt: np.ndarray, gain: float, offset: float,
+    x: float, y: float, line_x: float, line_y: float, length: float, error: float,
     expected: np.ndarray, pattern_x: np.ndarray, pattern_y: np.ndarray, energies: np.ndarray,
 ) -> int:  # fmt: skip
-    """Narrow the interval of candidate i; returns its new status. The last four arguments are scratch memory."""
-    u, v = candidates.u[i], candidates.v[i]
-    projected = (
-        KRKi[0, 0] * u + KRKi[0, 1] * v + KRKi[0, 2],
-        KRKi[1, 0] * u + KRKi[1, 1] * v + KRKi[1, 2],
-        KRKi[2, 0] * u + KRKi[2, 1] * v + KRKi[2, 2],
-    )
-    idepth_min, idepth_max = np.float64(candidates.idepth_min[i]), np.float64(candidates.idepth_max[i])
-    bounded = not math.isnan(idepth_max)
-    ratio = projected[2] + Kt[2] * idepth_min
-    if not (DEPTH_RATIO[0] < ratio < DEPTH_RATIO[1]):
-        return status.OUT_OF_BOUNDS
-    x, y, line_x, line_y, length = epipolar_segment(projected, Kt, idepth_min, idepth_max, max_search)
-    if not inside(x, y, width, height) or not inside(x + length * line_x, y + length * line_y, width, height):
-        return status.OUT_OF_BOUNDS
-    candidates.interval[i] = length
-    if length < MIN_INTERVAL and bounded:
-        return status.SKIPPED
-    if line_x == 0.0 and line_y == 0.0:
-        return status.SKIPPED
-
-    along = line_x * line_x * candidates.grad_xx[i] + 2.0 * line_x * line_y * candidates.grad_xy[i]
-    along += line_y * line_y * candidates.grad_yy[i]
-    across = line_y * line_y * candidates.grad_xx[i] - 2.0 * line_x * line_y * candidates.grad_xy[i]
-    across += line_x * line_x * candidates.grad_yy[i]
-    error = 0.2 + 0.2 * (along + across) / max(along, 1e-6)
-    if bounded and 2.0 * error > length:
-        return status.BAD_CONDITION
-    error = min(error, MAX_ERROR)
-
+    """Narrow the interval of candidate i by a search; returns its new status. The last four are scratch memory."""
     for p in range(PATTERN_SIZE):
         expected[p] = gain * candidates.grey[p, i] + offset
         pattern_x[p] = KRKi[0, 0] * PATTERN_X[p] + KRKi[0, 1] * PATTERN_Y[p]
@@ -176,15 +188,22 @@ def trace_one(
         image, width, height, x + best * stride * line_x, y + best * stride * line_y, line_x, line_y,
         expected, pattern_x, pattern_y,
     )  # fmt: skip
+    failed = status.DELETED if candidates.status[i] == status.OUTLIER else status.OUTLIER
     if energy > OUTLIER_ENERGY:
         candidates.interval[i] = 0.0
-        return status.DELETED if candidates.status[i] == status.OUTLIER else status.OUTLIER
+        return failed
 
+    u, v = candidates.u[i], candidates.v[i]
+    projected = (
+        KRKi[0, 0] * u + KRKi[0, 1] * v + KRKi[0, 2],
+        KRKi[1, 0] * u + KRKi[1, 1] * v + KRKi[1, 2],
+        KRKi[2, 0] * u + KRKi[2, 1] * v + KRKi[2, 2],
+    )
     a = idepth_at(projected, Kt, x - error * line_x, y - error * line_y, line_x, line_y)
     b = idepth_at(projected, Kt, x + error * line_x, y + error * line_y, line_x, line_y)
     idepth_min, idepth_max = max(min(a, b), 0.0), max(a, b)
     if not (math.isfinite(idepth_min) and math.isfinite(idepth_max) and idepth_max > 0.0):
-        return status.DELETED if candidates.status[i] == status.OUTLIER else status.OUTLIER
+        return failed
     candidates.interval[i] = 2.0 * error
     candidates.idepth_min[i], candidates.idepth_max[i] = idepth_min, idepth_max
     return status.GOOD
@@ -207,9 +226,24 @@ def trace_host(
     """
     expected, pattern_x = np.empty(PATTERN_SIZE, np.float32), np.empty(PATTERN_SIZE, np.float32)
     pattern_y, energies = np.empty(PATTERN_SIZE, np.float32), np.empty(MAX_STEPS, np.float32)
-    for i in range(first, last):
-        if candidates.status[i] != status.DELETED:
-            candidates.status[i] = trace_one(
-                candidates, i, image, width, height, KRKi, Kt, gain, offset, max_search,
-                expected, pattern_x, pattern_y, energies,
+    plan, outcome = np.empty((6, last - first)), np.empty(last - first, np.int64)
+    x, y, line_x, line_y, length, error = plan[0], plan[1], plan[2], plan[3], plan[4], plan[5]
+    plan_searches(
+        candidates.u[first:last], candidates.v[first:last], candidates.idepth_min[first:last],
+        candidates.idepth_max[first:last], candidates.grad_xx[first:last], candidates.grad_xy[first:last],
+        candidates.grad_yy[first:last], width, height, KRKi, Kt, max_search, x, y, line_x, line_y, length, error,
+        outcome,
+    )  # fmt: skip
+    for k in range(last - first):
+        i = first + k
+        if candidates.status[i] == status.DELETED:
+            continue
+        if outcome[k] != status.OUT_OF_BOUNDS:
+            candidates.interval[i] = length[k]
+        if outcome[k] == SEARCH:
+            candidates.status[i] = search(
+                candidates, i, image, width, height, KRKi, Kt, gain, offset, x[k], y[k], line_x[k], line_y[k],
+                length[k], error[k], expected, pattern_x, pattern_y, energies,
             )  # fmt: skip
+        else:
+            candidates.status[i] = outcome[k]
