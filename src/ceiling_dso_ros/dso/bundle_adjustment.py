@@ -74,15 +74,17 @@ class BundleAdjustment:
         """
         iterations = self.config.iterations if window.count >= 4 else self.config.first_iterations
         window.relinearize(window.newest)
-        self._linearize(window)
         for iteration in range(iterations):
+            self.linearization.update(window, window.points)
+            self._set_threshold(window)
             step = self._step(window, project=iteration > 0)
             idepth_step = self.linearization.idepth_steps(window, step)
             window.move(step)
             window.points.arrays.idepth[: window.points.count] += idepth_step
-            self._linearize(window)
             if self._converged(window, step):
                 break
+        self.linearization.assess(window, window.points)
+        self._set_threshold(window)
         self._settle(window)
         if not np.isfinite(window.keyframes.T_camera_world[: window.count]).all():
             return float("nan")
@@ -100,8 +102,9 @@ class BundleAdjustment:
         window.prior.H[:] += weight * H
         window.prior.b[:] += weight * (b - H @ window.offsets)
 
-    def _linearize(self, window: KeyframeWindow) -> None:
-        self.linearization.update(window, window.points)
+    @staticmethod
+    def _set_threshold(window: KeyframeWindow) -> None:
+        """Residuals into the newest keyframe are outliers above a threshold that follows their energies."""
         newest = window.newest
         count = window.points.count
         live = window.points.residuals.live[newest, :count] > 0

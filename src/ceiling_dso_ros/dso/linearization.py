@@ -104,7 +104,9 @@ def sum_pair(
     Kt: np.ndarray, gain: np.float32, offset: np.float32, host_offset: np.float32, threshold: np.float32,
     state: np.ndarray, energy: np.ndarray, scratch: Scratch,
 ) -> tuple:  # fmt: skip
-    """Sums of the inliers of one pair into scratch.sums; live, state and energy are of the host's points.
+    """Sums of the live residuals of one pair into scratch.live_sums; which are inliers into scratch.position.
+
+    The arrays live, state and energy are of the host's points.
 
     Returns:
         As `classify`.
@@ -113,13 +115,10 @@ def sum_pair(
     sum_pattern(
         image, width, height, KRKi, Kt, gain, offset, host_offset, scratch.live, count, scratch.live_sums
     )  # fmt: skip
-    n, position = live.size, scratch.position[: live.size]
-    energy_sum, in_view = classify(
-        scratch.live.index[:count], scratch.live_sums, threshold, state, energy, position, scratch.position.size
-    )
-    for array, live_array in zip(scratch.sums, scratch.live_sums):
-        take(live_array, position, array[:n])
-    return energy_sum, in_view
+    return classify(
+        scratch.live.index[:count], scratch.live_sums, threshold, state, energy, scratch.position[: live.size],
+        scratch.position.size,
+    )  # fmt: skip
 
 
 @kernel
@@ -127,8 +126,10 @@ def add_pair(
     points: PointArrays, idepth_relative: np.ndarray, first: int, last: int, intrinsics: np.ndarray,
     R: np.ndarray, t: np.ndarray, scratch: Scratch, pair_system: np.ndarray,
 ) -> None:  # fmt: skip
-    """From the sums of a pair to its (13, 13) normal equations and to the inverse depths' rows."""
+    """From the sums of a pair's inliers to its (13, 13) normal equations and to the inverse depths' rows."""
     n = last - first
+    for array, live_array in zip(scratch.sums, scratch.live_sums):
+        take(live_array, scratch.position[:n], array[:n])
     jx, jy, wx, wy, s = scratch.jacobian_x, scratch.jacobian_y, scratch.weighted_x, scratch.weighted_y, scratch.sums
     gxx, gxy, gyy = s.gxx[:n], s.gxy[:n], s.gyy[:n]
     rows_x = (jx[0], jx[1], jx[2], jx[3], jx[4], jx[5], jx[6], jx[7], jx[8], jx[9], jx[10])
@@ -162,6 +163,21 @@ def add_pair(
 
 
 @kernel
+def assess_pair(
+    host: int, target: int, first: int, last: int, points: PointArrays, residuals: ResidualArrays,
+    keyframes: KeyframeArrays, pairs: PairGeometry, images: np.ndarray, width: int, height: int, scratch: Scratch,
+) -> tuple:  # fmt: skip
+    """Do `sum_pair` for a pair of the window; arguments as in `linearize_host`."""
+    return sum_pair(
+        residuals.live[target, first:last], first, points, images[keyframes.image_slot[target]], width, height,
+        pairs.KRKi[host, target], pairs.Kt[host, target], pairs.gain[host, target], pairs.offset[host, target],
+        np.float32(keyframes.affine_eval[host, 1]),
+        max(keyframes.energy_threshold[host], keyframes.energy_threshold[target]),
+        residuals.state[target, first:last], residuals.energy[target, first:last], scratch,
+    )  # fmt: skip
+
+
+@kernel
 def linearize_host(
     host: int, n: int, first: int, last: int, points: PointArrays, residuals: ResidualArrays, keyframes: KeyframeArrays,
     pairs: PairGeometry, images: np.ndarray, width: int, height: int, intrinsics: np.ndarray, scratch: Scratch,
@@ -190,13 +206,9 @@ def linearize_host(
     for target in range(n):
         if target == host:
             continue
-        threshold = max(keyframes.energy_threshold[host], keyframes.energy_threshold[target])
-        pair_energy, pair_count = sum_pair(
-            residuals.live[target, first:last], first, points, images[keyframes.image_slot[target]], width, height,
-            pairs.KRKi[host, target], pairs.Kt[host, target], pairs.gain[host, target], pairs.offset[host, target],
-            np.float32(keyframes.affine_eval[host, 1]), threshold, residuals.state[target, first:last],
-            residuals.energy[target, first:last], scratch,
-        )  # fmt: skip
+        pair_energy, pair_count = assess_pair(
+            host, target, first, last, points, residuals, keyframes, pairs, images, width, height, scratch
+        )
         energy += pair_energy
         count += pair_count
         pair_system[:] = 0.0
@@ -244,6 +256,26 @@ def linearize_window(
     return energy, count
 
 
+@kernel
+def assess_window(
+    n: int, ranges: np.ndarray, points: PointArrays, residuals: ResidualArrays, keyframes: KeyframeArrays,
+    pairs: PairGeometry, images: np.ndarray, width: int, height: int, scratch: Scratch,
+) -> tuple:  # fmt: skip
+    """States and energies of all residuals, without a linearisation; returns energy, count."""
+    energy, count = 0.0, 0
+    for host in range(n):
+        for target in range(n):
+            if target == host:
+                continue
+            pair_energy, pair_count = assess_pair(
+                host, target, ranges[host], ranges[host + 1], points, residuals, keyframes, pairs, images, width,
+                height, scratch,
+            )  # fmt: skip
+            energy += pair_energy
+            count += pair_count
+    return energy, count
+
+
 class Linearization:
     """The photometric energy of points, quadratic around the current estimate of the window.
 
@@ -268,6 +300,15 @@ class Linearization:
             n, self._ranges, points.arrays, points.residuals, window.keyframes, self._pairs,
             window.pool.buffers, window.width, window.height, window.intrinsics.astype(np.float32),
             self._scratch, self.H, self.b,
+        )  # fmt: skip
+
+    def assess(self, window: KeyframeWindow, points: PointTable) -> None:
+        """Renew the energy, and states and energies of the residuals; H, b and what points got from them stay."""
+        n = window.count
+        self.energy, self.count = assess_window(
+            n, points.host_ranges(n), points.arrays, points.residuals, window.keyframes,
+            pair_geometry(window.keyframes, n, window.intrinsics), window.pool.buffers, window.width, window.height,
+            self._scratch,
         )  # fmt: skip
 
     def idepth_steps(self, window: KeyframeWindow, step: np.ndarray) -> np.ndarray:
