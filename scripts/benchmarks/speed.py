@@ -1,10 +1,11 @@
-"""Frame times against their limits: of the shared recordings, and of a simulated drive in real time.
+"""Frame times and latency against their limits: of the shared recordings, and of a simulated drive in real time.
 
 Recordings run on one core, every frame to the end, with default settings. Times are in the unit of
 `evaluation/machine_speed.py`, measured right before and after each run. Each recording is also measured with numba
 restricted to AVX2, which is all that the robot's computer has, with a kernel cache of its own; the unit stays that of
 the whole processor. The drive, `loops` on `factory` at 848x480 and 30 Hz, plays in real time with the mapping beside
-the tracking, on two cores; its bag stays in the folder.
+the tracking, on two cores; its bag stays in the folder. It also plays through the nodes, on a roscore of its own, with
+the fusion beside the odometry, on all cores: the latency is from an image's stamp to its published pose, in wall time.
 """
 
 import argparse
@@ -18,9 +19,12 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
 from support.drives import is_missing
-from support.rendered import RenderedDrives
+from support.node_latency import play
+from support.rendered import RenderedDrive, RenderedDrives
+from support.ros_processes import ros_environment
 from support.table import Row, report
 
+from ceiling_dso_ros.simulation.bag import files_beside
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -30,6 +34,8 @@ LIMITS = {"all": 3.6, "keyframes": 12.0, "others": 1.3}  # a third of the C++ re
 LIMITS_AVX2 = {"all": 5.5}
 MEMORY_MB = 500.0
 SPEED_FACTORS = {15: 2.0, 7: 4.0}  # at least, by keyframes in the window: possible frame rate over that of the drive
+LATENCY_MS = {"median": (50.0, 15.0), "p95": (95.0, 40.0)}  # percentile and limit
+DROPPED_PERCENT = 1.0
 UNIT = "from ceiling_dso_ros.evaluation.machine_speed import machine_ms; print(machine_ms())"
 
 
@@ -101,6 +107,25 @@ def live_rows(bag: Path, runs: int) -> Iterator[Row]:
             yield Row(subject, f"latency, {name}, ms", [result["latency_ms"][name] for result in results])
 
 
+def node_rows(drive: RenderedDrive, runs: int, logs: Path) -> Iterator[Row]:
+    """Through the nodes in real time; nothing where ROS is missing, which is said.
+
+    Args:
+        drive: what is played.
+        runs: how often.
+        logs: folder for what the nodes write.
+    """
+    environment = ros_environment(logs)
+    if environment is None:
+        return
+    subject = f"{drive.name}, nodes"
+    results = [play(drive.bag, files_beside(drive.bag)["robot"], environment) for _ in range(runs)]
+    for name, (percentile, limit) in LATENCY_MS.items():
+        yield Row(subject, f"latency, {name}, ms", [heard.latency_ms(percentile) for heard in results], high=limit)
+    dropped = [heard.dropped_percent() for heard in results]
+    yield Row(subject, "images dropped after the first pose, %", dropped, high=DROPPED_PERCENT)
+
+
 def main() -> int:
     """Entry point; 1 when a limit does not hold."""
     parser = argparse.ArgumentParser(prog="scripts/bench speed", description=__doc__)
@@ -113,6 +138,7 @@ def main() -> int:
     table = [row for recording in there for row in recording_rows(recording, options.runs)]
     drive = RenderedDrives(options.out / "drives").drive(SimulationConfig("loops", "factory"))
     table += live_rows(drive.bag, options.runs)
+    table += node_rows(drive, options.runs, options.out / "ros")
     print(report(table))
     return 0 if all(row.holds for row in table) else 1
 
