@@ -9,6 +9,7 @@ from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.recording import Recording
 from ceiling_dso_ros.simulation.bag import files_beside, write_files_beside, write_measurements
+from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 
@@ -40,10 +41,13 @@ class RenderedDrives:
     folder: Path
 
     def drive(self, config: SimulationConfig) -> RenderedDrive:
-        """One with the usual camera, wheels and vibration."""
+        """One with the usual wheels and vibration; of the camera only the image's size may differ."""
         simulated = SimulatedRecording(config)
         length = [f"{config.duration_s:g}s"] if config.duration_s else []
-        name = "_".join([config.sequence, config.ceiling, str(config.seed), *length, *config.events])
+        camera = config.camera
+        usual = (camera.width, camera.height) == (CameraModel.width, CameraModel.height)
+        size = [] if usual else [f"{camera.width}x{camera.height}"]
+        name = "_".join([config.sequence, config.ceiling, str(config.seed), *size, *length, *config.events])
         bag = self.folder / f"{name}.bag"
         if not bag.exists():
             self.folder.mkdir(parents=True, exist_ok=True)

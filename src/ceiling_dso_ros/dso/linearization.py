@@ -28,6 +28,7 @@ from ceiling_dso_ros.dso.residual_kernels import (
     fill_jacobian,
     gather_live,
     pixel_sums,
+    sum5,
     sum_pattern,
     take,
 )
@@ -144,11 +145,12 @@ def add_pair(
     wy[GEOMETRY, :n], wy[GEOMETRY + 1, :n], wy[GEOMETRY + 2, :n] = s.dy[:n], s.oy[:n], s.ry[:n]
     add_dots(jx, wx, n, GEOMETRY, pair_system)
     add_dots(jy, wy, n, GEOMETRY, pair_system)
-    pair_system[10, 10] += s.dd[:n].sum()
-    pair_system[10, 11] += s.do[:n].sum()
-    pair_system[10, 12] += s.dr[:n].sum()
-    pair_system[11, 11] += s.oo[:n].sum()
-    pair_system[11, 12] += s.or_[:n].sum()
+    dd, do, dr, oo, or_ = sum5(s.dd[:n], s.do[:n], s.dr[:n], s.oo[:n], s.or_[:n])
+    pair_system[10, 10] += dd
+    pair_system[10, 11] += do
+    pair_system[10, 12] += dr
+    pair_system[11, 11] += oo
+    pair_system[11, 12] += or_
 
     depth_x, depth_y = jx[GEOMETRY, :n], jy[GEOMETRY, :n]
     for c in range(INTRINSICS):

@@ -8,7 +8,7 @@ both for the host.
 
 import numpy as np
 
-from ceiling_dso_ros.dso.jit import kernel
+from ceiling_dso_ros.dso.jit import kernel, kernel_noalias
 from ceiling_dso_ros.dso.pair_geometry import PairGeometry
 from ceiling_dso_ros.dso.points import RELATIVE_PARAMETERS, PointArrays, ResidualArrays
 from ceiling_dso_ros.dso.residual_kernels import add_dots
@@ -58,6 +58,13 @@ def subtract_schur(
                 system[position[j], position[i]] -= product[i, j]
 
 
+@kernel_noalias
+def add_scaled(factor: float, x: np.ndarray, out: np.ndarray) -> None:
+    """Add factor x to out, entry by entry."""
+    for i in range(out.size):
+        out[i] += factor * x[i]
+
+
 @kernel
 def to_absolute(host: int, n: int, pairs: PairGeometry, rows: np.ndarray) -> np.ndarray:
     """B^T rows, where B is the derivative of (intrinsics, relative parameters of a host) by (intrinsics, keyframes).
@@ -77,13 +84,13 @@ def to_absolute(host: int, n: int, pairs: PairGeometry, rows: np.ndarray) -> np.
         t = INTRINSICS + FRAME_PARAMETERS * target
         gain = np.float64(pairs.gain_eval[host, target])
         for k in range(6):
-            row = rows[t + k]
-            result[t + k] = row
+            result[t + k] = rows[t + k]
             for c in range(6):
-                result[h + c] -= pairs.adjoint_eval[host, target, k, c] * row
-        result[t + 6], result[t + 7] = -gain * rows[t + 6], -rows[t + 7]
-        result[h + 6] += gain * rows[t + 6]
-        result[h + 7] += gain * rows[t + 7]
+                add_scaled(-pairs.adjoint_eval[host, target, k, c], rows[t + k], result[h + c])
+        add_scaled(-gain, rows[t + 6], result[t + 6])
+        add_scaled(-1.0, rows[t + 7], result[t + 7])
+        add_scaled(gain, rows[t + 6], result[h + 6])
+        add_scaled(gain, rows[t + 7], result[h + 7])
     return result
 
 

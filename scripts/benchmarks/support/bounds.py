@@ -1,0 +1,189 @@
+"""What bounds the kernels: the work of each against what the core can do at most, measured in the same process.
+
+Every kernel reads pixels between pixels, so that it may be bound by loads of single numbers from memory in no order; or
+by arithmetic; or by moving bytes in order. Counts are of the source, for a window in the middle of a drive.
+"""
+
+import time
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Callable, Dict, List, Tuple
+
+import numba
+import numpy as np
+from tabulate import tabulate
+
+from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
+from ceiling_dso_ros.dso.linearization import Linearization
+from ceiling_dso_ros.dso.pattern import PATTERN_SIZE
+from ceiling_dso_ros.dso.pyramid import PyramidPool
+from ceiling_dso_ros.dso.tracking_kernels import accumulate
+from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
+from ceiling_dso_ros.io.opening import open_recording
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+
+IMAGES = 300  # of the drive, before the window is looked at
+REPEATS = 60
+SAMPLE_LOADS = 12  # pixels of a cubic sample with its gradient
+SAMPLE_FLOPS = 75
+RESIDUAL_FLOPS = 60  # of one pixel of a residual: projection, weights and sums
+TRACKING_FLOPS = 140  # of one point: projection, derivatives and 45 sums
+PAIR_FLOPS = 520  # of one point and target: Jacobian, weighting, 85 dot products along two axes
+FLOATS = 4 << 20  # of an array that no cache of a core holds
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What the core does at most in a nanosecond.
+
+    Attributes:
+        loads: single float32 in no order from 256 kB, as many as the pixels around a host's points in an image.
+        flops: fused multiplications and additions of float32, two each.
+        bytes: copied in order between large arrays, read and written.
+    """
+
+    loads: float
+    flops: float
+    bytes: float
+
+
+@dataclass(frozen=True)
+class KernelCost:
+    """One call of a kernel: its work and the time it takes."""
+
+    kernel: str
+    milliseconds: float
+    loads: float = 0.0
+    flops: float = 0.0
+    bytes: float = 0.0
+
+    def bounds_ms(self, rates: Rates) -> Dict[str, float]:
+        """The least time for each kind of work."""
+        return {
+            "loads": 1e-6 * self.loads / rates.loads,
+            "arithmetic": 1e-6 * self.flops / rates.flops,
+            "memory": 1e-6 * self.bytes / rates.bytes,
+        }
+
+
+@numba.njit(fastmath=True)
+def _gather(source: np.ndarray, indices: np.ndarray) -> np.float32:
+    total = np.float32(0)
+    for i in range(indices.size):
+        total += source[indices[i]]
+    return total
+
+
+@numba.njit(fastmath={"contract", "reassoc", "nsz"})
+def _multiply_add(x: np.ndarray, rounds: int) -> np.float32:
+    a = b = c = d = np.float32(0)
+    for _ in range(rounds):
+        for i in range(x.size):
+            a += x[i] * x[i]
+            b += x[i] * np.float32(3)
+            c += x[i] * np.float32(5)
+            d += x[i] * np.float32(7)
+    return a + b + c + d
+
+
+def best_ms(call: Callable[[], object]) -> float:
+    """Shortest of several calls, after a first one."""
+    call()
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return 1e3 * min(times)
+
+
+def measure_rates() -> Rates:
+    """Of the core that this runs on."""
+    rng = np.random.default_rng(0)
+    source, indices = np.ones(1 << 16, np.float32), rng.integers(0, 1 << 16, 1 << 16).astype(np.uint32)
+    x, rounds = np.ones(2048, np.float32), 64
+    large, other = np.ones(FLOATS, np.float32), np.ones(FLOATS, np.float32)
+    return Rates(
+        loads=1e-6 * indices.size / best_ms(lambda: _gather(source, indices)),
+        flops=1e-6 * 8 * x.size * rounds / best_ms(lambda: _multiply_add(x, rounds)),
+        bytes=1e-6 * 2 * large.nbytes / best_ms(lambda: np.copyto(other, large)),
+    )
+
+
+def measure_kernels(bag: Path) -> List[KernelCost]:
+    """Of a drive's window with default settings."""
+    recording = open_recording(bag)
+    prepare = ImagePreprocessor(recording.calibration, recording.photometric)
+    odometry = DirectOdometry(recording.calibration.camera, OdometryConfig())
+    for frame in islice(recording.frames(), IMAGES):
+        image = prepare(frame.image)
+        odometry.track(image, frame.stamp_s, frame.exposure_ms)
+    return [
+        _pyramid(odometry, image),
+        _tracking(odometry),
+        *_linearization(odometry._mapper.window),  # nobody but this needs to look into the mapping
+    ]
+
+
+def _pyramid(odometry: DirectOdometry, image: np.ndarray) -> KernelCost:
+    pool = PyramidPool(odometry.camera, 2)
+
+    def build() -> None:
+        pool.release(pool.build(image))
+
+    pixels = sum(width * height for width, height in pool.shape.sizes)
+    return KernelCost("pyramid", best_ms(build), flops=5 * pixels, bytes=4 * (image.size + 3 * pixels))
+
+
+def _tracking(odometry: DirectOdometry) -> KernelCost:
+    reference, window = odometry.map.reference, odometry._mapper.window
+    points, system = reference.levels[0], np.zeros((9, 9))
+    arguments = (points.u, points.v, points.idepth, points.grey, window.image(window.newest), window.width)
+    T = np.eye(4)
+
+    def evaluate() -> None:
+        accumulate(*arguments, window.height, reference.intrinsics, T, 1.0, 0.0, 0.0, 20.0, system)
+
+    n = points.u.size
+    return KernelCost(
+        "track, one look at the finest level", best_ms(evaluate), SAMPLE_LOADS * n, (SAMPLE_FLOPS + TRACKING_FLOPS) * n
+    )
+
+
+def _linearization(window: KeyframeWindow) -> Tuple[KernelCost, KernelCost]:
+    linearization = Linearization(window.count, window.points.capacity)
+    assess_ms = best_ms(lambda: linearization.assess(window, window.points))
+    update_ms = best_ms(lambda: linearization.update(window, window.points))
+    points, targets = window.points.count, window.count - 1
+    pixels = PATTERN_SIZE * int(window.points.residuals.live[: window.count, :points].sum())
+    columns = INTRINSICS + FRAME_PARAMETERS * targets + 1
+    rest = PAIR_FLOPS * points * targets + columns * (columns + 1) * points
+    return (
+        KernelCost("optimise, residuals", assess_ms, SAMPLE_LOADS * pixels, (SAMPLE_FLOPS + RESIDUAL_FLOPS) * pixels),
+        KernelCost("optimise, normal equations", update_ms - assess_ms, flops=rest),
+    )
+
+
+def describe(rates: Rates, costs: List[KernelCost]) -> str:
+    """A table in Markdown: each kernel's time, its bounds, which of them is the tightest, and how far it is."""
+    rows = []
+    for cost in costs:
+        bounds = cost.bounds_ms(rates)
+        tightest = max(bounds, key=lambda kind: bounds[kind])
+        rows.append(
+            {
+                "kernel": cost.kernel,
+                "ms": cost.milliseconds,
+                **{f"{kind}, ms": bound for kind, bound in bounds.items()},
+                "bound by": tightest,
+                "times that": cost.milliseconds / bounds[tightest],
+            }
+        )
+    core = f"{rates.loads:.2f} loads, {rates.flops:.0f} operations and {rates.bytes:.0f} bytes in a nanosecond"
+    return tabulate(rows, headers="keys", tablefmt="github", floatfmt=".3f") + f"\n\nThe core does {core}."
+
+
+def report_bounds(bag: Path) -> str:
+    """Measure and describe."""
+    return describe(measure_rates(), measure_kernels(bag))
