@@ -24,7 +24,7 @@ from ceiling_dso_ros.settings import load_settings
 FRAMES = 40
 TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
 FUSED = {"wheel.tum", "fused.tum", "fused_smoothed.tum", "fusion.yaml"}
-OUTPUTS = {*TRAJECTORIES, "timing.csv", "config.yaml", "summary.json"}
+OUTPUTS = {*TRAJECTORIES, "map.ply", "timing.csv", "config.yaml", "summary.json"}
 IMAGE = "/camera/up/image_raw"
 
 
@@ -81,7 +81,7 @@ def test_running_twice_and_from_a_bag_gives_the_same_bytes(tum_folder, bag_of, c
     for number, recording in enumerate((tum_folder, tum_folder, bag_of(tum_folder))):
         out = tmp_path / f"run{number}"
         assert command("run", recording, "--out", out).returncode == 0
-        outputs.append([(out / name).read_bytes() for name in (*TRAJECTORIES, "config.yaml")])
+        outputs.append([(out / name).read_bytes() for name in (*TRAJECTORIES, "map.ply", "config.yaml")])
     assert len(outputs[0][0]) > 0
     assert outputs[0] == outputs[1] == outputs[2]
 
@@ -249,7 +249,7 @@ def make_endless(tum_folder):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_keeps_what_it_has(tum_folder, tmp_path, number):
+def test_an_interrupted_run_keeps_what_it_has(tum_folder, tmp_path, read_ply, number):
     """On a terminal, where the progress bar says when there is something to keep."""
     make_endless(tum_folder)
     out = tmp_path / "out"
@@ -282,6 +282,33 @@ def test_an_interrupted_run_keeps_what_it_has(tum_folder, tmp_path, number):
     assert 100 <= summary["frames"] < 100_000
     assert len(read_tum(out / "camera.tum")) == len(read_tum(out / "camera_final.tum")) == summary["tracked"] > 0
     assert {path.name for path in out.iterdir()} == OUTPUTS
+    assert max(read_ply(out / "map.ply")["keyframe_id"]) < summary["keyframes"]
+
+
+def test_the_map_has_the_points_of_a_segment_that_was_lost(tum_folder, tmp_path, monkeypatch, read_ply):
+    """The camera is covered to the end: nothing follows that has a map."""
+    for index in range(30, FRAMES):
+        cv2.imwrite(str(tum_folder / "images" / f"{index:05d}.png"), np.zeros((144, 192), np.uint8))
+    maps = [None]
+
+    class Watched(dso.DirectOdometry):
+        def track(self, *arguments):
+            status = super().track(*arguments)
+            if self.map is not None and self.map is not maps[-1]:
+                maps.append(self.map)
+            return status
+
+    monkeypatch.setattr(dso, "DirectOdometry", Watched)
+    small = ("--set", "window.max_keyframes=3", "--set", "window.min_keyframes=2")  # so that points leave it
+    assert main(["run", str(tum_folder), "--out", str(tmp_path / "out"), *small]) == 0
+    assert summary_of(tmp_path / "out")["lost"] == 1
+    vertices = read_ply(tmp_path / "out" / "map.ply")
+    left = sum(len(each.marginalized) for each in maps[1:])
+    assert left > 100
+    assert len(vertices["x"]) == left + len(maps[-1].window_points)
+    assert set(vertices["segment"]) == {0}
+    assert len(set(vertices["keyframe_id"])) > 2
+    assert vertices["red"] == vertices["green"] == vertices["blue"]
 
 
 def failing_at(frame, error):

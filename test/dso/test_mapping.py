@@ -7,7 +7,9 @@ from synthetic import CAMERA, SHARP, Surface
 from ceiling_dso_ros.dso import candidates as status
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.initialization import FirstMap
+from ceiling_dso_ros.dso.keyframe_policy import PointFate
 from ceiling_dso_ros.dso.mapping import Frame, Mapper, WindowLostError
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 from ceiling_dso_ros.dso.selection import PixelSelector
@@ -125,3 +127,39 @@ def test_a_keyframe_that_shows_nothing_loses_the_window(scene):
     scene.keyframe(1)
     with pytest.raises(WindowLostError):
         scene.keyframe(2, image=np.full((240, 320), 100, np.float32))
+
+
+def test_points_that_leave_lie_on_the_surface(scene):
+    left = HostedPoints.concatenated([scene.keyframe(k).marginalized for k in range(1, 8)])
+    assert len(left) > 300
+    assert len(set(left.keyframe_id.tolist())) >= 3
+    x, y, z = left.positions_world({10 + k: np.linalg.inv(se3.exp(k * STEP)) for k in range(8)}).T
+    true = SURFACE.idepth(np.eye(4), CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy)
+    assert np.median(np.abs(true * z - 1)) < 0.01
+    image = SURFACE.render(np.eye(4))
+    u, v = (np.rint(f * a / z + c).astype(int) for f, a, c in ((CAMERA.fx, x, CAMERA.cx), (CAMERA.fy, y, CAMERA.cy)))
+    inside = (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height)
+    assert np.corrcoef(left.grey[inside], image[v[inside], u[inside]])[0, 1] > 0.95
+
+
+def test_what_the_map_held_is_marginalized_or_still_active_unless_it_was_dropped(scene, monkeypatch):
+    expected = []
+    retire = Mapper._retire_points
+
+    def watched(mapper, leaving):
+        window = mapper.window
+        drop = PointFate(window, leaving, CONFIG.optimization).drop
+        expected.append((window.hosted_points(~drop), int(drop.sum()), [window.ids[slot] for slot in leaving]))
+        return retire(mapper, leaving)
+
+    def rows(points):
+        return sorted(zip(points.keyframe_id.tolist(), *points.position_camera.T, points.grey))
+
+    monkeypatch.setattr(Mapper, "_retire_points", watched)
+    for k in range(1, 8):
+        snapshot = scene.keyframe(k)
+        held, _, leaving = expected[-1]
+        assert rows(HostedPoints.concatenated([snapshot.marginalized, snapshot.window_points])) == rows(held)
+        assert len(snapshot.window_points) == scene.mapper.window.points.count
+        assert not set(snapshot.window_points.keyframe_id.tolist()) & set(leaving)
+    assert sum(dropped for _, dropped, _ in expected) > 0

@@ -14,7 +14,8 @@ from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, PinholeCamera, TrackingState, se3
 from ceiling_dso_ros.dso.config import WindowConfig
-from ceiling_dso_ros.dso.schedulers import LiveScheduler
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
+from ceiling_dso_ros.dso.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
 
 FRAMES = 60
@@ -121,7 +122,13 @@ def test_what_a_status_says(flight):
             np.testing.assert_allclose(status.T_keyframe_camera, np.eye(4), atol=1e-9)
             known = {e.keyframe_id: e.T_world_camera for e in status.keyframes}
             ids.append(status.keyframe_id)
-        elif status.keyframe_id in known:
+            ours = status.window_points
+            assert len(ours) == status.active_points
+            assert set(ours.keyframe_id.tolist()) <= {e.keyframe_id for e in status.keyframes if not e.leaves}
+            assert set(status.marginalized.keyframe_id.tolist()) <= set(known)
+            continue
+        assert len(status.window_points) == len(status.marginalized) == 0
+        if status.keyframe_id in known:
             np.testing.assert_allclose(known[status.keyframe_id] @ status.T_keyframe_camera, T, atol=1e-9)
     assert ids == sorted(set(ids))
     assert len(ids) >= 3
@@ -184,6 +191,57 @@ def test_tracking_goes_on_while_the_mapping_is_behind(images, frames_behind):
     assert all(status.keyframes[-1].stamp_s < status.stamp_s for status in late)
     odometry.reset()
     scheduler.close()
+
+
+def test_the_last_window_of_a_lost_segment_is_told_though_the_mapping_was_behind(images):
+    scheduler = HeldScheduler(3)
+    odometry = DirectOdometry(CAMERA, CONFIG, scheduler)
+    for k, image in enumerate(images):
+        if odometry.track(image, k / 30.0).is_keyframe and k > 30:
+            break
+    lost = odometry.track(GARBAGE["black"], (k + 1) / 30.0)
+    assert (lost.state, lost.segment) == (TrackingState.LOST, 0)
+    assert odometry.map is None
+    assert lost.keyframes[-1].stamp_s == k / 30.0
+    assert len(lost.window_points) > 100
+    assert set(lost.window_points.keyframe_id.tolist()) <= {e.keyframe_id for e in lost.keyframes if not e.leaves}
+    scheduler.close()
+
+
+class WithheldScheduler(SequentialScheduler):
+    """Withholds some tasks' results, from that of the sixth keyframe on, and then gives them with the next ones."""
+
+    def __init__(self, tasks):
+        super().__init__()
+        self._tasks, self._withheld, self.snapshots = tasks, [], []
+
+    def take_results(self):
+        results = super().take_results()
+        self.snapshots += [result.snapshot for result in results if result.snapshot is not None]
+        if len(self.snapshots) < 6 or self._tasks <= 0:
+            results, self._withheld = self._withheld + results, []
+            return results
+        self._withheld += results
+        self._tasks -= len(results)
+        return []
+
+
+def test_keyframes_that_are_finished_between_two_statuses_are_both_told(images):
+    scheduler = WithheldScheduler(tasks=12)
+    statuses = run(DirectOdometry(CAMERA, CONFIG, scheduler), images)
+    told = [status for status in statuses if status.keyframes]
+    assert len(told) == len(scheduler.snapshots) - 1  # one of them has two
+    left = HostedPoints.concatenated([status.marginalized for status in told])
+    expected = HostedPoints.concatenated([snapshot.marginalized for snapshot in scheduler.snapshots])
+    assert len(left) > 100
+    np.testing.assert_array_equal(left.position_camera, expected.position_camera)
+    last = {e.keyframe_id: e for status in told for e in status.keyframes}
+    for estimate in (e for snapshot in scheduler.snapshots for e in snapshot.keyframes if e.leaves):
+        assert last[estimate.keyframe_id] is estimate
+    windows = {snapshot.stamp_s: snapshot.window_points for snapshot in scheduler.snapshots}
+    for status in told:
+        assert status.window_points is windows[status.keyframes[-1].stamp_s]
+        assert [e.keyframe_id for e in status.keyframes] == sorted(e.keyframe_id for e in status.keyframes)
 
 
 def test_threads_of_the_linear_algebra_do_not_change_a_byte():
@@ -309,7 +367,7 @@ def test_a_first_map_that_explains_nothing_is_not_taken(images, part, values, me
     assert {status.state for status in statuses} == {TrackingState.INITIALIZING}
     assert {status.segment for status in statuses} == {0}
     assert any(message in status.message for status in statuses)
-    assert not any(status.keyframes for status in statuses)
+    assert not any(status.keyframes or len(status.window_points) or len(status.marginalized) for status in statuses)
 
 
 @pytest.mark.parametrize(

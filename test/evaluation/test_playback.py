@@ -4,10 +4,15 @@ import signal
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.evaluation.playback import Playback
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import read_tum
+
+
+def a_point_of(keyframe_id, depth):
+    return HostedPoints(np.array([keyframe_id]), np.array([[0.0, 0.0, depth]]), np.array([40.0], np.float32))
 
 
 class FakeOdometry:
@@ -37,6 +42,8 @@ class FakeOdometry:
             keyframe_id=keyframe_id,
             T_keyframe_camera=T_keyframe_camera,
             keyframes=(keyframe,),
+            window_points=a_point_of(keyframe_id, 2.0),
+            marginalized=a_point_of(keyframe_id, 5.0),
             timing_ms={"track": 1.5},
         )
 
@@ -92,12 +99,22 @@ def test_skipped_frames_are_warned_of_and_counted_apart():
     assert playback.summary()["frames"] == 3
 
 
-def test_files(tmp_path):
+def test_files(tmp_path, read_ply):
     playback, _ = playback_of(frames(9))
     playback.write(tmp_path, "complete")
     assert read_tum(tmp_path / "camera.tum").positions[:, 0].tolist() == [2.0, 3.0, 4.0, 5.0, 7.0, 8.0]
     assert np.allclose(read_tum(tmp_path / "camera_final.tum").positions[:, 0], [2.0, 3.1, 4.1, 5.1, 7.2, 8.2])
     assert np.allclose(read_tum(tmp_path / "keyframes.tum").positions[:, 0], [0.0, 3.1, 6.2])
+    vertices = read_ply(tmp_path / "map.ply")
+    points = zip(*(vertices[name] for name in ("segment", "keyframe_id", "x", "z", "red")))
+    x = [float(np.float32(3.1 * keyframe)) for keyframe in range(3)]
+    assert sorted(points) == [
+        (0, 0, x[0], 5.0, 40),
+        (0, 1, x[1], 2.0, 40),
+        *3 * [(0, 1, x[1], 5.0, 40)],
+        (1, 2, x[2], 2.0, 40),
+        *2 * [(1, 2, x[2], 5.0, 40)],
+    ]
     header, *rows = (tmp_path / "timing.csv").read_text().splitlines()
     assert header == "stamp,total_ms,undistort_ms,track_ms,is_keyframe,state"
     assert [row.split(",")[-1] for row in rows][5:8] == ["tracking", "lost", "tracking"]
@@ -118,7 +135,8 @@ def test_what_was_computed_before_a_failure_can_be_written(tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text())["end"] == "failed: gone"
 
 
-def test_a_run_without_any_frame_still_writes_its_files(tmp_path):
+def test_a_run_without_any_frame_still_writes_its_files(tmp_path, read_ply):
     Playback(lambda image: image, FakeOdometry(), print).write(tmp_path, "interrupted")
     assert (tmp_path / "camera.tum").read_text() == ""
+    assert read_ply(tmp_path / "map.ply")["x"] == []
     assert json.loads((tmp_path / "summary.json").read_text())["ms"]["all"]["mean"] is None

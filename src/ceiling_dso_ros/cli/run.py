@@ -22,8 +22,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "run",
         help="from a recording to trajectories",
-        description="Track the camera of a recording; writes camera.tum, camera_final.tum, keyframes.tum, timing.csv, "
-        "config.yaml and summary.json into DIR, and where the recording has wheels wheel.tum, fused.tum, "
+        description="Track the camera of a recording; writes camera.tum, camera_final.tum, keyframes.tum, map.ply, "
+        "timing.csv, config.yaml and summary.json into DIR, and where the recording has wheels wheel.tum, fused.tum, "
         "fused_smoothed.tum and fusion.yaml, also when it is interrupted.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")

@@ -2,12 +2,14 @@
 
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 
 __all__ = [
     "ConfigError",
     "DirectOdometry",
+    "HostedPoints",
     "KeyframeEstimate",
     "OdometryConfig",
     "OdometryStatus",

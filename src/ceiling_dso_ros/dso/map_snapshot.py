@@ -5,6 +5,7 @@ from typing import NamedTuple, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window import KeyframeWindow
@@ -33,23 +34,34 @@ class MapSnapshot:
         reference: the new keyframe with its depth, to track against.
         keyframes: all of the window, those that leave with it too, oldest first.
         rmse: photometric error of the bundle adjustment, grey levels.
-        points: what the window sees of the world.
+        window_points: the active points.
+        marginalized: the points that left with this keyframe, their information kept.
         active_points, candidate_points: how many the window holds.
     """
 
     reference: TrackingReference
     keyframes: Tuple[KeyframeEstimate, ...]
     rmse: float
-    points: MapPoints
+    window_points: HostedPoints
+    marginalized: HostedPoints
     active_points: int
     candidate_points: int
 
     @classmethod
     def of(
-        cls, window: KeyframeWindow, reference: TrackingReference, keyframes: Tuple[KeyframeEstimate, ...], rmse: float
-    ) -> "MapSnapshot":
+        cls, window: KeyframeWindow, reference: TrackingReference, keyframes: Tuple[KeyframeEstimate, ...], rmse: float,
+        marginalized: HostedPoints,
+    ) -> "MapSnapshot":  # fmt: skip
         """Copy what may change."""
-        return cls(reference, keyframes, rmse, map_points(window), window.points.count, window.candidates.count)
+        count = window.points.count
+        points = window.hosted_points(np.ones(count, bool))
+        return cls(reference, keyframes, rmse, points, marginalized, count, window.candidates.count)
+
+    @property
+    def points(self) -> MapPoints:
+        """What the window sees of the world."""
+        poses = {keyframe.keyframe_id: keyframe.T_world_camera for keyframe in self.keyframes}
+        return MapPoints(self.window_points.positions_world(poses), self.window_points.grey)
 
     @property
     def stamp_s(self) -> float:
@@ -59,15 +71,3 @@ class MapSnapshot:
     def pose_of(self, keyframe_id: int) -> np.ndarray:
         """T_world_camera of one of the keyframes."""
         return next(keyframe.T_world_camera for keyframe in self.keyframes if keyframe.keyframe_id == keyframe_id)
-
-
-def map_points(window: KeyframeWindow) -> MapPoints:
-    """The window's points as they stand."""
-    arrays, count = window.points.arrays, window.points.count
-    idepth = arrays.idepth[:count].astype(np.float64)
-    front = idepth > 0.0
-    fx, fy, cx, cy = window.intrinsics
-    rays = np.column_stack([(arrays.u[:count] - cx) / fx, (arrays.v[:count] - cy) / fy, np.ones(count)])[front]
-    T_world_host = np.array([window.T_world_camera(slot) for slot in range(window.count)])[arrays.host[:count][front]]
-    positions = np.einsum("nij,nj->ni", T_world_host[:, :3, :3], rays / idepth[front, None]) + T_world_host[:, :3, 3]
-    return MapPoints(positions, arrays.grey[:, :count].mean(axis=0)[front])

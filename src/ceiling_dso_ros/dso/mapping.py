@@ -11,6 +11,7 @@ from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, marginalize_
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.candidates import CandidateTable
 from ceiling_dso_ros.dso.config import OdometryConfig
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.initialization import FirstMap
 from ceiling_dso_ros.dso.keyframe_policy import PointFate, keyframes_to_marginalize
 from ceiling_dso_ros.dso.map_snapshot import MapSnapshot
@@ -134,7 +135,7 @@ class Mapper:
             reference = self._references.build(window)
         estimates = window.estimates(self._segment, tuple(leaving))
         with timer.stage("marginalize"):
-            self._retire_points(leaving)
+            marginalized = self._retire_points(leaving)
         with timer.stage("select"):
             pixels = self._selector.select(frame.image_slot, self._config.window.candidate_points)
             window.candidates.add(
@@ -143,7 +144,7 @@ class Mapper:
         with timer.stage("marginalize"):
             for slot in reversed(leaving):
                 marginalize_keyframe(window, slot, self._adjustment.affine_information)
-        return MapSnapshot.of(window, reference, estimates, rmse)
+        return MapSnapshot.of(window, reference, estimates, rmse, marginalized)
 
     def _idepth_range(self, reference: TrackingReference) -> Tuple[float, float]:
         """Where the inverse depths of new candidates are searched: those of the scene so far, and well around them."""
@@ -159,15 +160,17 @@ class Mapper:
         )
         self._next_id += 1
 
-    def _retire_points(self, leaving: List[int]) -> None:
-        """Points that go leave their information in the prior, or nothing."""
+    def _retire_points(self, leaving: List[int]) -> HostedPoints:
+        """Points that go leave their information in the prior, or nothing. Returns the former."""
         window = self.window
         fate = PointFate(window, leaving, self._config.optimization)
         if fate.marginalize.any():
             self._adjustment.marginalize_points(window, fate.marginalize)
+        marginalized = window.hosted_points(fate.marginalize)
         gone = fate.marginalize | fate.drop
         for slot, number in enumerate(
             np.bincount(window.points.arrays.host[: gone.size][gone], minlength=window.count)
         ):
             window.gone_points[slot] += int(number)
         window.points.keep(~gone)
+        return marginalized

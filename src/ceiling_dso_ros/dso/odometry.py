@@ -9,6 +9,7 @@ import numpy as np
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 from ceiling_dso_ros.dso.initialization import Initializer
 from ceiling_dso_ros.dso.keyframe_policy import needs_keyframe
 from ceiling_dso_ros.dso.map_snapshot import MapSnapshot
@@ -17,7 +18,7 @@ from ceiling_dso_ros.dso.pyramid import PyramidPool, PyramidShape
 from ceiling_dso_ros.dso.schedulers import SequentialScheduler
 from ceiling_dso_ros.dso.selection import PixelSelector
 from ceiling_dso_ros.dso.stage_timer import StageTimer
-from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.uncertainty import world_covariance
@@ -148,7 +149,7 @@ class DirectOdometry:
 
     def _reject_map(self, frame: Frame, reason: str) -> OdometryStatus:
         """Try again with the next image as the first one: no pose has been given yet."""
-        self._news = ()
+        self._news = []
         message = f"the first map {reason}: starting again"
         status = self._without_pose(frame, TrackingState.INITIALIZING, message)
         self._abandon_map()
@@ -230,7 +231,7 @@ class DirectOdometry:
             self._timer.add(result.timing_ms)
             if result.snapshot is not None:
                 self._map = result.snapshot
-                self._news = result.snapshot.keyframes
+                self._news.append(result.snapshot)
                 self._keyframe_pending = False
                 self._first_rmse = np.inf
 
@@ -252,7 +253,7 @@ class DirectOdometry:
         )
         self._map: Optional[MapSnapshot] = None
         self._keyframe_pending = False
-        self._news: Tuple[KeyframeEstimate, ...] = ()  # refined keyframes that no status has told of
+        self._news: List[MapSnapshot] = []  # that no status has told of yet
         self._history: List[Tuple[int, np.ndarray]] = []  # (keyframe, T_keyframe_camera) of the last two frames
         self._last_affine = np.zeros(2)
         self._last_rmse = np.inf
@@ -284,9 +285,12 @@ class DirectOdometry:
 
     def _common(self) -> Dict[str, Any]:
         """What every status says."""
-        keyframes, self._news = self._news, ()
+        news, self._news = self._news, []
+        keyframes = {keyframe.keyframe_id: keyframe for snapshot in news for keyframe in snapshot.keyframes}
         return {
-            "keyframes": keyframes,
+            "keyframes": tuple(keyframes.values()),
+            "window_points": news[-1].window_points if news else NO_HOSTED_POINTS,
+            "marginalized": HostedPoints.concatenated([snapshot.marginalized for snapshot in news]),
             "active_points": 0 if self._map is None else self._map.active_points,
             "candidate_points": 0 if self._map is None else self._map.candidate_points,
             "timing_ms": self._timer.timing_ms,

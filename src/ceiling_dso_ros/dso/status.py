@@ -6,6 +6,8 @@ from typing import Mapping, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
+
 
 class TrackingState(enum.Enum):
     """Where the odometry stands after a frame."""
@@ -49,7 +51,9 @@ class OdometryStatus:
         is_keyframe: the frame became a keyframe.
         keyframe_id: the keyframe the pose is relative to, -1 without a pose.
         T_keyframe_camera: (4, 4) float64 pose relative to that keyframe; None without a pose.
-        keyframes: the window's keyframes as refined since the last status; empty when the window did not change.
+        keyframes: all keyframes as refined since the last status, oldest first; empty when the window did not change.
+        window_points: the window's active points; empty when the window did not change.
+        marginalized: the points that left the window since the last status, their information kept.
         rmse: photometric error of the tracking, grey levels; nan without a pose.
         active_points, candidate_points: how many the window holds.
         timing_ms: milliseconds of each stage.
@@ -65,6 +69,8 @@ class OdometryStatus:
     keyframe_id: int = -1
     T_keyframe_camera: Optional[np.ndarray] = None
     keyframes: Tuple[KeyframeEstimate, ...] = ()
+    window_points: HostedPoints = NO_HOSTED_POINTS
+    marginalized: HostedPoints = NO_HOSTED_POINTS
     rmse: float = float("nan")
     active_points: int = 0
     candidate_points: int = 0

@@ -7,9 +7,11 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Union
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus, TrackingState
 from ceiling_dso_ros.evaluation.fusing import FusionPlayback
+from ceiling_dso_ros.evaluation.map_recorder import MapRecorder
 from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
 from ceiling_dso_ros.evaluation.timing import TimingLog
 from ceiling_dso_ros.io.interrupts import deferred_interrupt
+from ceiling_dso_ros.io.ply import write_ply
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import write_tum
@@ -22,6 +24,7 @@ class Playback:
 
     Attributes:
         trajectories: the poses so far.
+        map: the points so far.
         timing: the times so far.
         warnings: what was wrong with skipped frames.
     """
@@ -42,6 +45,7 @@ class Playback:
         self._predict = predict
         self._last: Optional[OdometryStatus] = None
         self.trajectories = TrajectoryRecorder()
+        self.map = MapRecorder()
         self.timing = TimingLog()
         self.warnings: List[str] = []
 
@@ -70,6 +74,7 @@ class Playback:
         write_tum(directory / "camera.tum", self.trajectories.live())
         write_tum(directory / "camera_final.tum", self.trajectories.final())
         write_tum(directory / "keyframes.tum", self.trajectories.keyframes())
+        write_ply(directory / "map.ply", self.map.cloud(self.trajectories.estimates))
         self.timing.write_csv(directory / "timing.csv")
         if self._fusion is not None:
             self._fusion.write(directory)
@@ -101,6 +106,7 @@ class Playback:
         end = time.perf_counter()
         self._last = status
         self.trajectories.add(status)
+        self.map.add(status)
         stages_ms = {"undistort": 1e3 * (preprocessed - start), **status.timing_ms}
         self.timing.add(status, 1e3 * (end - start), stages_ms)
         if self._fusion is not None:

@@ -1,7 +1,7 @@
 """Gathers the odometry's results into trajectories."""
 
 from array import array
-from typing import Dict
+from typing import Dict, Mapping
 
 import numpy as np
 
@@ -34,6 +34,11 @@ class TrajectoryRecorder:
         self._keyframe_ids.append(status.keyframe_id)
         self._T_world_camera.extend(status.T_world_camera.ravel())
         self._T_keyframe_camera.extend(status.T_keyframe_camera.ravel())
+
+    @property
+    def estimates(self) -> Mapping[int, KeyframeEstimate]:
+        """keyframe_id -> the keyframe as last refined."""
+        return self._keyframes
 
     @property
     def segments(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.stamps import parse_stamp_ns, seconds
 from ceiling_dso_ros.io.text_files import read_lines
 
@@ -87,14 +88,8 @@ def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    path = Path(path)
-    temporary = path.with_name(path.name + ".part")
     poses = zip(trajectory.stamps_s, trajectory.positions, trajectory.quaternions_xyzw)
-    try:
-        temporary.write_text("".join(_format_line(*pose) for pose in poses))
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the trajectory: {error.strerror}") from error
+    replace_file(path, "".join(_format_line(*pose) for pose in poses).encode(), "the trajectory")
 
 
 class TumWriter:
