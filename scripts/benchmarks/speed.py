@@ -6,6 +6,8 @@ restricted to AVX2, which is all that the robot's computer has, with a kernel ca
 the whole processor. The drive, `loops` on `factory` at 848x480 and 30 Hz, plays in real time with the mapping beside
 the tracking, on two cores; its bag stays in the folder. It also plays through the nodes, on a roscore of its own, with
 the fusion beside the odometry, on all cores: the latency is from an image's stamp to its published pose, in wall time.
+Last come, without limits and on one core, how the times grow with points, window and image size (a table, and
+growth.svg in the folder) and how far the kernels are from what bounds them.
 """
 
 import argparse
@@ -18,7 +20,9 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
+from support.bounds import report_bounds
 from support.drives import is_missing
+from support.growth import describe, measure_growth, write_figure
 from support.node_latency import play
 from support.rendered import RenderedDrive, RenderedDrives
 from support.ros_processes import ros_environment
@@ -36,6 +40,7 @@ MEMORY_MB = 500.0
 SPEED_FACTORS = {15: 2.0, 7: 4.0}  # at least, by keyframes in the window: possible frame rate over that of the drive
 LATENCY_MS = {"median": (50.0, 15.0), "p95": (95.0, 40.0)}  # percentile and limit
 DROPPED_PERCENT = 1.0
+DRIVE = SimulationConfig("loops", "factory")
 UNIT = "from ceiling_dso_ros.evaluation.machine_speed import machine_ms; print(machine_ms())"
 
 
@@ -126,19 +131,61 @@ def node_rows(drive: RenderedDrive, runs: int, logs: Path) -> Iterator[Row]:
     yield Row(subject, "images dropped after the first pose, %", dropped, high=DROPPED_PERCENT)
 
 
+def recordings(options: argparse.Namespace) -> Iterator[Row]:
+    """Frame times of the shared recordings, on one core."""
+    for name in RECORDINGS:
+        if not is_missing(DATA / name):
+            yield from recording_rows(DATA / name, options.runs)
+
+
+def live(options: argparse.Namespace) -> Iterator[Row]:
+    """The drive in real time, in one process."""
+    yield from live_rows(drives(options).drive(DRIVE).bag, options.runs)
+
+
+def nodes(options: argparse.Namespace) -> Iterator[Row]:
+    """The drive in real time, through the nodes."""
+    yield from node_rows(drives(options).drive(DRIVE), options.runs, options.out / "ros")
+
+
+def growth(options: argparse.Namespace) -> Iterator[Row]:
+    """Print how times grow and draw it; no limits."""
+    found = measure_growth(drives(options), one_run)
+    write_figure(options.out / "growth.svg", found)
+    print(describe(found), end="\n\n")
+    yield from ()
+
+
+def bounds(options: argparse.Namespace) -> Iterator[Row]:
+    """Print what bounds the kernels; no limits."""
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
+    print(report_bounds(drives(options).drive(DRIVE).bag), end="\n\n")
+    yield from ()
+
+
+def drives(options: argparse.Namespace) -> RenderedDrives:
+    """Where the simulated drives are."""
+    return RenderedDrives(options.out / "drives")
+
+
+def one_run(bag: Path, *settings: str) -> Dict[str, Any]:
+    """What the command `benchmark` writes of one run on one core."""
+    return benchmark(bag, 1, {}, "--repeats", "1", *(word for text in settings for word in ("--set", text)))
+
+
+PARTS = {part.__name__: part for part in (recordings, live, nodes, growth, bounds)}  # bounds stays on one core: last
+
+
 def main() -> int:
     """Entry point; 1 when a limit does not hold."""
     parser = argparse.ArgumentParser(prog="scripts/bench speed", description=__doc__)
     parser.add_argument("--runs", metavar="N", type=int, default=3, help="of each recording (default 3)")
     parser.add_argument(
-        "--out", metavar="DIR", type=Path, default=Path("out/bench/speed"), help="for the drive (default %(default)s)"
+        "--out", metavar="DIR", type=Path, default=Path("out/bench/speed"), help="for the drives (default %(default)s)"
     )
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
     options = parser.parse_args()
-    there = [DATA / name for name in RECORDINGS if not is_missing(DATA / name)]
-    table = [row for recording in there for row in recording_rows(recording, options.runs)]
-    drive = RenderedDrives(options.out / "drives").drive(SimulationConfig("loops", "factory"))
-    table += live_rows(drive.bag, options.runs)
-    table += node_rows(drive, options.runs, options.out / "ros")
+    table = [row for name, part in PARTS.items() if name in options.only for row in part(options)]
     print(report(table))
     return 0 if all(row.holds for row in table) else 1
 

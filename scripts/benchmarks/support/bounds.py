@@ -30,7 +30,7 @@ SAMPLE_FLOPS = 75
 RESIDUAL_FLOPS = 60  # of one pixel of a residual: projection, weights and sums
 TRACKING_FLOPS = 140  # of one point: projection, derivatives and 45 sums
 PAIR_FLOPS = 520  # of one point and target: Jacobian, weighting, 85 dot products along two axes
-FLOATS = 4 << 20  # of an array that no cache of a core holds
+FLOATS = 848 * 480  # of an image
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Rates:
     Attributes:
         loads: single float32 in no order from 256 kB, as many as the pixels around a host's points in an image.
         flops: fused multiplications and additions of float32, two each.
-        bytes: copied in order between large arrays, read and written.
+        bytes: copied in order between arrays of the size of an image, read and written.
     """
 
     loads: float

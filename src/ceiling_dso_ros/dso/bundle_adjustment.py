@@ -13,7 +13,7 @@ from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWin
 DAMPING = 1e-5
 PRECONDITIONER = 10.0
 # Smallest RMS steps worth another iteration: translation (times mean inverse depth), rotation, a, b.
-MIN_STEP = np.array([2e-4, 2e-4, 1.2e-2, 0.4])
+MIN_STEP = np.array([1e-4, 1e-4, 6e-3, 0.2])
 
 
 def affine_prior(window: KeyframeWindow, information: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

@@ -109,7 +109,7 @@ class ActivationConfig:
     iterations: int = 3
     min_hessian: float = 50.0
     max_interval: float = 8.0  # pixels
-    min_quality: float = 3.0  # second best over best energy of the search
+    min_quality: float = 4.0  # second best over best energy of the search; with 3 the error depends more on the start
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
