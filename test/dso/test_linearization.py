@@ -329,3 +329,22 @@ def test_brightness_columns_follow_the_definition(perturbed):
         numeric = (residuals[0] - residuals[1]) / (2 * h)
         assert B[18, column] * d + B[19, column] == pytest.approx(numeric, rel=0.02, abs=0.02)
     assert EXPOSURES[0] != EXPOSURES[1]  # so that the gain is not one
+
+
+def test_an_assessment_sees_what_a_linearization_sees_and_leaves_the_rest():
+    window = true_window()
+    perturb(window)
+    found = linearized(window)
+    residuals, count = window.points.residuals, window.points.count
+    perturb(window, seed=1, size=5.0)
+    H, hessian = found.H.copy(), window.points.arrays.idepth_hessian[:count].copy()
+    found.assess(window, window.points)
+    np.testing.assert_array_equal(found.H, H)
+    np.testing.assert_array_equal(window.points.arrays.idepth_hessian[:count], hessian)
+    state, energy = residuals.state[:, :count].copy(), residuals.energy[:, :count].copy()
+    assert set(np.unique(state[: window.count])) >= {INLIER, OUTLIER}
+    other = linearized(window)
+    assert found.energy == other.energy
+    assert found.count == other.count
+    np.testing.assert_array_equal(residuals.state[:, :count], state)
+    np.testing.assert_array_equal(residuals.energy[:, :count], energy)
