@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from synthetic import AFFINES, CAMERA, POSES, RELIEF, hold_first_keyframe, linearized, true_window
+from synthetic import AFFINES, CAMERA, EXPOSURES, POSES, RELIEF, hold_first_keyframe, linearized, true_window
 
 from ceiling_dso_ros.dso import se3
-from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, null_space, solve
+from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, null_space, solve, unit_direction
 from ceiling_dso_ros.dso.config import OptimizationConfig
 from ceiling_dso_ros.dso.points import INLIER, NONE, OUTLIER
 
@@ -124,7 +124,7 @@ def test_a_strong_prior_wins_wherever_the_estimate_starts():
     window.move(np.r_[2e-3 * rng.normal(size=20), np.zeros(8)])
     adjustment = BundleAdjustment(window, OptimizationConfig())
     adjustment.linearization.update(window, window.points)
-    step = adjustment._step(window, project=False)
+    step = adjustment._step(window, np.zeros((28, 0)))
     np.testing.assert_allclose(window.offsets[:20] + step[:20], minimum, atol=1e-4)
 
 
@@ -134,11 +134,35 @@ def test_later_steps_do_not_move_what_images_cannot_see():
     perturb(window, np.random.default_rng(0))
     adjustment = BundleAdjustment(window, OptimizationConfig())
     adjustment.linearization.update(window, window.points)
-    free, projected = (adjustment._step(window, project=project) for project in (False, True))
     basis = null_space(window)
+    free = adjustment._step(window, np.zeros((28, 0)))
+    projected = adjustment._step(window, adjustment._unseen(window, first=False))
     assert np.linalg.norm(basis.T @ free) > 1e-4
     assert np.linalg.norm(basis.T @ projected) < 1e-12
     np.testing.assert_allclose(projected, free - basis @ (basis.T @ free), atol=1e-12)
+
+
+def test_until_points_were_marginalised_no_step_changes_the_unit_of_length():
+    """Two keyframes do not tell it, so that rounding may have the first step double the way between them."""
+    window = true_window(60, surface=RELIEF, poses=POSES[:2], affines=AFFINES[:2], exposures=EXPOSURES[:2])
+    hold_first_keyframe(window)
+    perturb(window, np.random.default_rng(0))
+    adjustment = BundleAdjustment(window, OptimizationConfig())
+    adjustment.linearization.update(window, window.points)
+    window.prior.b[12:15] = 1e-3 * window.keyframes.T_camera_world[1, :3, 3]  # as rounding may
+    unit = unit_direction(window)
+    assert abs(float(unit.T @ adjustment._step(window, np.zeros((20, 0))))) > 1e-3
+    assert abs(float(unit.T @ adjustment._step(window, adjustment._unseen(window, first=True)))) < 1e-12
+    adjustment.marginalize_points(window, np.arange(window.points.count) < 10)
+    assert adjustment._unseen(window, first=True).size == 0
+
+
+def test_the_unit_of_length_is_among_what_images_cannot_see():
+    window = true_window(20, surface=RELIEF)
+    unit, basis = unit_direction(window), null_space(window)
+    assert np.linalg.norm(unit) == pytest.approx(1.0)
+    np.testing.assert_allclose(unit, basis @ (basis.T @ unit), atol=1e-9)
+    np.testing.assert_allclose(unit[4:12], 0.0, atol=1e-12)  # the oldest keyframe stays
 
 
 def test_an_estimate_that_is_no_number_is_no_error():

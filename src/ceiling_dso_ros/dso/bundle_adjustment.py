@@ -4,6 +4,7 @@ from typing import Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.config import OptimizationConfig
 from ceiling_dso_ros.dso.linear_solver import invert_positive, solve_positive
 from ceiling_dso_ros.dso.linearization import Linearization
@@ -43,6 +44,17 @@ def null_space(window: KeyframeWindow) -> np.ndarray:
     return U[:, singular > 1e-6 * singular[0]]
 
 
+def unit_direction(window: KeyframeWindow) -> np.ndarray:
+    """How the keyframes move when the unit of length changes and the oldest stays, (4 + 8 n, 1) float64, length 1."""
+    n = window.count
+    T = window.keyframes.T_camera_world_eval[:n]
+    centre = se3.inverse(T[0])[:3, 3]
+    steps = np.zeros((n, FRAME_PARAMETERS))
+    steps[:, :3] = T[:, :3, :3] @ centre + T[:, :3, 3]
+    direction = np.concatenate([np.zeros(INTRINSICS), steps.ravel()])
+    return (direction / max(np.linalg.norm(direction), 1e-12))[:, None]
+
+
 def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Step x of H x = -b for H symmetric positive semi-definite (n, n) float64; scales its diagonal to about one.
 
@@ -58,13 +70,17 @@ def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 class BundleAdjustment:
-    """Refines a window. Holds memory only: the estimate lives in the window."""
+    """Refines a window, in which the estimate lives. Holds memory, and whether the prior knows the unit of length.
+
+    Before any point was marginalised nothing does, and rounding alone would set how far a step changes it.
+    """
 
     def __init__(self, window: KeyframeWindow, config: OptimizationConfig) -> None:
         self.config = config
         slots = window.keyframes.offset.shape[0]
         self.linearization = Linearization(slots, window.points.capacity)
         self._leaving = PointTable(slots, window.points.capacity)
+        self._unit_is_held = False
         self.affine_information = np.array([config.affine_a_information, config.affine_b_information])
 
     def optimize(self, window: KeyframeWindow) -> float:
@@ -77,7 +93,7 @@ class BundleAdjustment:
         for iteration in range(iterations):
             self.linearization.update(window, window.points)
             self._set_threshold(window)
-            step = self._step(window, project=iteration > 0)
+            step = self._step(window, self._unseen(window, first=iteration == 0))
             idepth_step = self.linearization.idepth_steps(window, step)
             window.move(step)
             window.points.arrays.idepth[: window.points.count] += idepth_step
@@ -101,6 +117,7 @@ class BundleAdjustment:
         H, b = self.linearization.H, self.linearization.b
         window.prior.H[:] += weight * H
         window.prior.b[:] += weight * (b - H @ window.offsets)
+        self._unit_is_held = True
 
     @staticmethod
     def _set_threshold(window: KeyframeWindow) -> None:
@@ -114,16 +131,20 @@ class BundleAdjustment:
             quantile = np.sqrt(np.partition(energies, rank)[rank])
             window.keyframes.energy_threshold[newest] = (0.5 * 26.0 + 0.5 * 1.5 * quantile) ** 2
 
-    def _step(self, window: KeyframeWindow, project: bool) -> np.ndarray:
+    def _unseen(self, window: KeyframeWindow, first: bool) -> np.ndarray:
+        """Directions to keep out of a step, (4 + 8 n, m): at first the unit if it is free, later all no image sees."""
+        if not first:
+            return null_space(window)
+        unit = unit_direction(window)
+        return unit[:, :0] if self._unit_is_held else unit
+
+    def _step(self, window: KeyframeWindow, unseen: np.ndarray) -> np.ndarray:
         diagonal, gradient = affine_prior(window, self.affine_information)
         H = self.linearization.H + window.prior.H
         H[np.diag_indices_from(H)] += diagonal
         b = self.linearization.b + window.prior.b + window.prior.H @ window.offsets + gradient
         step = solve(H, b)
-        if project:
-            basis = null_space(window)
-            step -= basis @ (basis.T @ step)
-        return step
+        return step - unseen @ (unseen.T @ step)
 
     @staticmethod
     def _converged(window: KeyframeWindow, step: np.ndarray) -> bool:
