@@ -98,7 +98,7 @@ def test_a_covered_lens_is_told_and_got_over(drive):
 def test_what_was_rendered_and_tracked_is_kept(tracked):
     config = SimulationConfig("spin", duration_s=0.6, camera=SMALL)
     first = tracked.drive(config)
-    bag = tracked.rendered.folder / "spin_factory_0_0.6s.bag"
+    bag = tracked.rendered.folder / "spin_factory_0_424x240_0.6s.bag"
     written_ns = bag.stat().st_mtime_ns
     again = tracked.drive(config)
     assert bag.stat().st_mtime_ns == written_ns
