@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
-from support.bounds import report_bounds
 from support.drives import is_missing
 from support.growth import describe, measure_growth, write_figure
 from support.node_latency import play
@@ -32,6 +31,7 @@ from ceiling_dso_ros.simulation.bag import files_beside
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
 CHECKOUT = Path(__file__).resolve().parents[2]
+BOUNDS = Path(__file__).parent / "support" / "bounds.py"
 DATA = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "data"))
 RECORDINGS = ("ceiling_loops", "tum_fr1_xyz")
 LIMITS = {"all": 3.6, "keyframes": 12.0, "others": 1.3}  # a third of the C++ reference's times
@@ -158,8 +158,7 @@ def growth(options: argparse.Namespace) -> Iterator[Row]:
 
 def bounds(options: argparse.Namespace) -> Iterator[Row]:
     """Print what bounds the kernels; no limits."""
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
-    print(report_bounds(drives(options).drive(DRIVE).bag), end="\n\n")
+    print(on_cores(1, [str(BOUNDS), str(drives(options).drive(DRIVE).bag)], {}))
     yield from ()
 
 
@@ -173,7 +172,7 @@ def one_run(bag: Path, *settings: str) -> Dict[str, Any]:
     return benchmark(bag, 1, {}, "--repeats", "1", *(word for text in settings for word in ("--set", text)))
 
 
-PARTS = {part.__name__: part for part in (recordings, live, nodes, growth, bounds)}  # bounds stays on one core: last
+PARTS = {part.__name__: part for part in (recordings, live, nodes, growth, bounds)}
 
 
 def main() -> int:

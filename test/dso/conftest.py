@@ -1,6 +1,15 @@
-"""Makes `synthetic` importable from the test files of this directory."""
+"""Makes the helpers of this directory importable from its test files, and the flight's images a fixture."""
 
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(scope="session")
+def images():
+    import flying
+
+    return flying.render()

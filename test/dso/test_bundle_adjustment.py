@@ -5,7 +5,7 @@ import pytest
 from synthetic import AFFINES, CAMERA, EXPOSURES, POSES, RELIEF, hold_first_keyframe, linearized, true_window
 
 from ceiling_dso_ros.dso import se3
-from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, null_space, solve, unit_direction
+from ceiling_dso_ros.dso.bundle_adjustment import BundleAdjustment, null_space, solve, unit_direction, unseen
 from ceiling_dso_ros.dso.config import OptimizationConfig
 from ceiling_dso_ros.dso.points import INLIER, NONE, OUTLIER
 
@@ -136,7 +136,7 @@ def test_later_steps_do_not_move_what_images_cannot_see():
     adjustment.linearization.update(window, window.points)
     basis = null_space(window)
     free = adjustment._step(window, np.zeros((28, 0)))
-    projected = adjustment._step(window, adjustment._unseen(window, first=False))
+    projected = adjustment._step(window, unseen(window, first=False))
     assert np.linalg.norm(basis.T @ free) > 1e-4
     assert np.linalg.norm(basis.T @ projected) < 1e-12
     np.testing.assert_allclose(projected, free - basis @ (basis.T @ free), atol=1e-12)
@@ -152,9 +152,9 @@ def test_until_points_were_marginalised_no_step_changes_the_unit_of_length():
     window.prior.b[12:15] = 1e-3 * window.keyframes.T_camera_world[1, :3, 3]  # as rounding may
     unit = unit_direction(window)
     assert abs(float(unit.T @ adjustment._step(window, np.zeros((20, 0))))) > 1e-3
-    assert abs(float(unit.T @ adjustment._step(window, adjustment._unseen(window, first=True)))) < 1e-12
+    assert abs(float(unit.T @ adjustment._step(window, unseen(window, first=True)))) < 1e-12
     adjustment.marginalize_points(window, np.arange(window.points.count) < 10)
-    assert adjustment._unseen(window, first=True).size == 0
+    assert unseen(window, first=True).size == 0
 
 
 def test_the_unit_of_length_is_among_what_images_cannot_see():

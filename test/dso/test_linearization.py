@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from samples import sample
-from synthetic import EXPOSURES, POSES, add_keyframe, add_points, empty_window, random_pixels, true_window
+from synthetic import EXPOSURES, POSES, add_keyframe, add_points, empty_window, linearized, random_pixels, true_window
 
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.linearization import (
-    Linearization,
     linearize_host,
     scratch_memory,
 )
@@ -34,12 +33,6 @@ def relinearize(window):
     for slot in range(window.count):
         window.relinearize(slot)
     window.intrinsics_eval, window.intrinsics_offset = window.intrinsics, np.zeros(4)
-
-
-def linearized(window):
-    result = Linearization(window.keyframes.offset.shape[0], window.points.capacity)
-    result.update(window, window.points)
-    return result
 
 
 def relative_by_absolute(host, n, pairs):

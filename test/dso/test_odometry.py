@@ -3,50 +3,21 @@
 import os
 import subprocess
 import sys
-import threading
-from concurrent.futures import wait
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from flying import CONFIG, FRAMES, ate, pose, run, tracking
 from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, PinholeCamera, TrackingState, se3
 from ceiling_dso_ros.dso.config import WindowConfig
-from ceiling_dso_ros.dso.hosted_points import HostedPoints
-from ceiling_dso_ros.dso.schedulers import LiveScheduler, SequentialScheduler
-from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
-
-FRAMES = 60
-SURFACE = Surface(slope=(0.1, -0.05), relief=0.1, texture=SHARP)
-CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=5, min_keyframes=4, candidate_points=400, active_points=500))
-
-
-def pose(k):
-    """T_world_camera of frame k: an arc of about one depth, with yaw and a little of everything else."""
-    phase = k / FRAMES * np.pi
-    T = se3.exp(np.array([0, 0, 0, 0.03 * np.sin(2 * phase), 0.03 * np.sin(3 * phase), 0.6 * phase / np.pi]))
-    T[:3, 3] = [0.35 * (1 - np.cos(phase)), 0.35 * np.sin(phase), 0.05 * np.sin(2 * phase)]
-    return T
-
-
-@pytest.fixture(scope="module")
-def images():
-    return [SURFACE.render(np.linalg.inv(pose(k))).clip(0, 255) for k in range(FRAMES)]
-
-
-def run(odometry, images, first=0):
-    return [odometry.track(image, (first + k) / 30.0) for k, image in enumerate(images)]
 
 
 @pytest.fixture(scope="module")
 def flight(images):
     return run(DirectOdometry(CAMERA, CONFIG), images)
-
-
-def tracking(statuses):
-    return [status.state is TrackingState.TRACKING for status in statuses]
 
 
 def same(first, second):
@@ -70,15 +41,6 @@ def same(first, second):
         for k, other in zip(a.keyframes, b.keyframes):
             assert k.T_world_camera.tobytes() == other.T_world_camera.tobytes()
     assert len(first) == len(second)
-
-
-def ate(statuses, truth):
-    """Root mean squared position error after alignment with Sim(3), in depths of the scene."""
-    found = tracking(statuses)
-    ours = np.array([s.T_world_camera for s in statuses if s.state is TrackingState.TRACKING])
-    true = np.array([T for T, ok in zip(truth, found) if ok])
-    aligned = align(ours[:, :3, 3], true[:, :3, 3], AlignmentKind.SIM3).apply(ours)
-    return np.sqrt(((aligned - true)[:, :3, 3] ** 2).sum(axis=1).mean())
 
 
 def test_the_flight_is_tracked_accurately(flight):
@@ -150,107 +112,14 @@ def test_repeating_gives_the_same_bytes(flight, images):
     same(flight, run(DirectOdometry(CAMERA, CONFIG), images))
 
 
-class HeldScheduler(LiveScheduler):
-    """Lets every task wait until a number of frames have come after it: a mapping that is always behind."""
-
-    def __init__(self, frames):
-        super().__init__()
-        self._frames, self._held = frames, []
-
-    def submit(self, task):
-        ready = threading.Event()
-        self._held.append(ready)
-        super().submit(lambda: ready.wait() and task())
-        for event in self._held[: -self._frames]:
-            event.set()
-        if len(self._held) > self._frames:  # so that the outcome does not depend on the machine
-            wait(list(self._futures)[: -self._frames])
-
-    def wait(self):
-        for event in self._held:
-            event.set()
-        super().wait()
-
-
-@pytest.mark.parametrize("frames_behind", [1, 3])
-def test_tracking_goes_on_while_the_mapping_is_behind(images, frames_behind):
-    scheduler = HeldScheduler(frames_behind)
-    odometry = DirectOdometry(CAMERA, CONFIG, scheduler)
-    statuses = run(odometry, images)
-    found = tracking(statuses)
-    assert sum(found) > 0.7 * FRAMES
-    assert all(found[found.index(True) :])
-    assert ate(statuses, [pose(k) for k in range(FRAMES)]) < 0.01
-    known = {}
-    for status in statuses[found.index(True) :]:
-        known.update({keyframe.keyframe_id: keyframe.stamp_s for keyframe in status.keyframes})
-        assert status.keyframe_id in known  # relative to a keyframe that has been described
-        assert known[status.keyframe_id] <= status.stamp_s
-    late = [status for status in statuses if status.keyframes and not status.is_keyframe]
-    assert len(late) >= 3
-    assert all(status.keyframes[-1].stamp_s < status.stamp_s for status in late)
-    odometry.reset()
-    scheduler.close()
-
-
-def test_the_last_window_of_a_lost_segment_is_told_though_the_mapping_was_behind(images):
-    scheduler = HeldScheduler(3)
-    odometry = DirectOdometry(CAMERA, CONFIG, scheduler)
-    for k, image in enumerate(images):
-        if odometry.track(image, k / 30.0).is_keyframe and k > 30:
-            break
-    lost = odometry.track(GARBAGE["black"], (k + 1) / 30.0)
-    assert (lost.state, lost.segment) == (TrackingState.LOST, 0)
-    assert odometry.map is None
-    assert lost.keyframes[-1].stamp_s == k / 30.0
-    assert len(lost.window_points) > 100
-    assert set(lost.window_points.keyframe_id.tolist()) <= {e.keyframe_id for e in lost.keyframes if not e.leaves}
-    scheduler.close()
-
-
-class WithheldScheduler(SequentialScheduler):
-    """Withholds some tasks' results, from that of the sixth keyframe on, and then gives them with the next ones."""
-
-    def __init__(self, tasks):
-        super().__init__()
-        self._tasks, self._withheld, self.snapshots = tasks, [], []
-
-    def take_results(self):
-        results = super().take_results()
-        self.snapshots += [result.snapshot for result in results if result.snapshot is not None]
-        if len(self.snapshots) < 6 or self._tasks <= 0:
-            results, self._withheld = self._withheld + results, []
-            return results
-        self._withheld += results
-        self._tasks -= len(results)
-        return []
-
-
-def test_keyframes_that_are_finished_between_two_statuses_are_both_told(images):
-    scheduler = WithheldScheduler(tasks=12)
-    statuses = run(DirectOdometry(CAMERA, CONFIG, scheduler), images)
-    told = [status for status in statuses if status.keyframes]
-    assert len(told) == len(scheduler.snapshots) - 1  # one of them has two
-    left = HostedPoints.concatenated([status.marginalized for status in told])
-    expected = HostedPoints.concatenated([snapshot.marginalized for snapshot in scheduler.snapshots])
-    assert len(left) > 100
-    np.testing.assert_array_equal(left.position_camera, expected.position_camera)
-    last = {e.keyframe_id: e for status in told for e in status.keyframes}
-    for estimate in (e for snapshot in scheduler.snapshots for e in snapshot.keyframes if e.leaves):
-        assert last[estimate.keyframe_id] is estimate
-    windows = {snapshot.stamp_s: snapshot.window_points for snapshot in scheduler.snapshots}
-    for status in told:
-        assert status.window_points is windows[status.keyframes[-1].stamp_s]
-        assert [e.keyframe_id for e in status.keyframes] == sorted(e.keyframe_id for e in status.keyframes)
-
-
 def test_threads_of_the_linear_algebra_do_not_change_a_byte():
     """Its summation order depends on their number, hence on the processor."""
     script = (
-        "from test_odometry import CAMERA, CONFIG, FRAMES, SURFACE, DirectOdometry, pose, run\n"
-        "import numpy as np, sys\n"
-        "images = [SURFACE.render(np.linalg.inv(pose(k))).clip(0, 255) for k in range(FRAMES)]\n"
-        "poses = [status.T_world_camera for status in run(DirectOdometry(CAMERA, CONFIG), images)]\n"
+        "import sys\n"
+        "from flying import CONFIG, render, run\n"
+        "from synthetic import CAMERA\n"
+        "from ceiling_dso_ros.dso import DirectOdometry\n"
+        "poses = [status.T_world_camera for status in run(DirectOdometry(CAMERA, CONFIG), render())]\n"
         "sys.stdout.write(b''.join(T.tobytes() for T in poses if T is not None).hex())\n"
     )
     path = os.pathsep.join([str(Path(__file__).parent), *sys.path])

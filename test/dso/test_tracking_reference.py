@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from synthetic import AFFINES, EXPOSURES, POSES, Surface, true_window
+from synthetic import AFFINES, EXPOSURES, POSES, Surface, linearized, true_window
 
-from ceiling_dso_ros.dso.linearization import Linearization
 from ceiling_dso_ros.dso.points import OUTLIER
 from ceiling_dso_ros.dso.pyramid import level_intrinsics
 from ceiling_dso_ros.dso.tracking_reference import ReferenceBuilder, collect, splat, sum_down
@@ -15,7 +14,7 @@ SURFACE = Surface(slope=(-0.2, 0.1), relief=0.05)
 @pytest.fixture
 def window():
     window = true_window(150, surface=SURFACE)
-    Linearization(window.keyframes.offset.shape[0], window.points.capacity).update(window, window.points)
+    linearized(window)
     return window
 
 

@@ -2,8 +2,11 @@
 
 Every kernel reads pixels between pixels, so that it may be bound by loads of single numbers from memory in no order; or
 by arithmetic; or by moving bytes in order. Counts are of the source, for a window in the middle of a drive.
+
+Run as `bounds.py BAG` on the core that is to be measured.
 """
 
+import sys
 import time
 from dataclasses import dataclass
 from itertools import islice
@@ -17,19 +20,21 @@ from tabulate import tabulate
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
 from ceiling_dso_ros.dso.linearization import Linearization
 from ceiling_dso_ros.dso.pattern import PATTERN_SIZE
+from ceiling_dso_ros.dso.points import RELATIVE_PARAMETERS
 from ceiling_dso_ros.dso.pyramid import PyramidPool
 from ceiling_dso_ros.dso.tracking_kernels import accumulate
-from ceiling_dso_ros.dso.window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
+from ceiling_dso_ros.dso.window import INTRINSICS, KeyframeWindow
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 
 IMAGES = 300  # of the drive, before the window is looked at
 REPEATS = 60
 SAMPLE_LOADS = 12  # pixels of a cubic sample with its gradient
-SAMPLE_FLOPS = 75
-RESIDUAL_FLOPS = 60  # of one pixel of a residual: projection, weights and sums
-TRACKING_FLOPS = 140  # of one point: projection, derivatives and 45 sums
-PAIR_FLOPS = 520  # of one point and target: Jacobian, weighting, 85 dot products along two axes
+SAMPLE_FLOPS = 73
+RESIDUAL_FLOPS = 73  # of one pixel of a residual: projection, weights and sums
+TRACKING_FLOPS = 163  # of one point: projection, derivatives and 45 sums
+PAIR_FLOPS = 546  # of one point and target: Jacobian, weighting, 85 dot products along two axes
+HALVING_FLOPS = 4  # of one pixel of a coarser level
 FLOATS = 848 * 480  # of an image
 
 
@@ -132,8 +137,9 @@ def _pyramid(odometry: DirectOdometry, image: np.ndarray) -> KernelCost:
     def build() -> None:
         pool.release(pool.build(image))
 
-    pixels = sum(width * height for width, height in pool.shape.sizes)
-    return KernelCost("pyramid", best_ms(build), flops=5 * pixels, bytes=4 * (image.size + 3 * pixels))
+    sizes = [width * height for width, height in pool.shape.sizes]
+    read, written = image.size + sum(sizes[:-1]), sum(sizes)
+    return KernelCost("pyramid", best_ms(build), flops=HALVING_FLOPS * sum(sizes[1:]), bytes=4 * (read + written))
 
 
 def _tracking(odometry: DirectOdometry) -> KernelCost:
@@ -157,7 +163,7 @@ def _linearization(window: KeyframeWindow) -> Tuple[KernelCost, KernelCost]:
     update_ms = best_ms(lambda: linearization.update(window, window.points))
     points, targets = window.points.count, window.count - 1
     pixels = PATTERN_SIZE * int(window.points.residuals.live[: window.count, :points].sum())
-    columns = INTRINSICS + FRAME_PARAMETERS * targets + 1
+    columns = INTRINSICS + RELATIVE_PARAMETERS * targets + 1
     rest = PAIR_FLOPS * points * targets + columns * (columns + 1) * points
     return (
         KernelCost("optimise, residuals", assess_ms, SAMPLE_LOADS * pixels, (SAMPLE_FLOPS + RESIDUAL_FLOPS) * pixels),
@@ -184,6 +190,5 @@ def describe(rates: Rates, costs: List[KernelCost]) -> str:
     return tabulate(rows, headers="keys", tablefmt="github", floatfmt=".3f") + f"\n\nThe core does {core}."
 
 
-def report_bounds(bag: Path) -> str:
-    """Measure and describe."""
-    return describe(measure_rates(), measure_kernels(bag))
+if __name__ == "__main__":
+    print(describe(measure_rates(), measure_kernels(Path(sys.argv[1]))))

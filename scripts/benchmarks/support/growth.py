@@ -4,7 +4,7 @@ The drive is the beginning of `loops` on `factory`; points are the active ones o
 four of them, as the defaults have it.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence, Tuple
 
@@ -56,15 +56,15 @@ class Growth:
 
     Attributes:
         result: what the command writes.
-        stages_ms: mean per image of each group of stages.
     """
 
     variation: Variation
     result: Mapping[str, Any]
-    stages_ms: Mapping[str, float] = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "stages_ms", stage_means_ms(self.result))
+    @property
+    def stages_ms(self) -> Dict[str, float]:
+        """Mean per image of each group of stages."""
+        return stage_means_ms(self.result)
 
 
 def variations() -> Iterator[Variation]:

@@ -55,6 +55,20 @@ def unit_direction(window: KeyframeWindow) -> np.ndarray:
     return (direction / max(np.linalg.norm(direction), 1e-12))[:, None]
 
 
+def unseen(window: KeyframeWindow, first: bool) -> np.ndarray:
+    """Directions to keep out of a step, (4 + 8 n, m) float64: all that images cannot see, but in a first step few.
+
+    There it is the unit of length while the prior is diagonal: before any point was marginalised nothing holds the
+    unit, and rounding alone would set how far the step changes it.
+    """
+    if not first:
+        return null_space(window)
+    prior = window.prior.H
+    if np.array_equal(prior, np.diag(np.diag(prior))):
+        return unit_direction(window)
+    return np.zeros((len(prior), 0))
+
+
 def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Step x of H x = -b for H symmetric positive semi-definite (n, n) float64; scales its diagonal to about one.
 
@@ -70,17 +84,13 @@ def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 class BundleAdjustment:
-    """Refines a window, in which the estimate lives. Holds memory, and whether the prior knows the unit of length.
-
-    Before any point was marginalised nothing does, and rounding alone would set how far a step changes it.
-    """
+    """Refines a window. Holds memory only: the estimate lives in the window."""
 
     def __init__(self, window: KeyframeWindow, config: OptimizationConfig) -> None:
         self.config = config
         slots = window.keyframes.offset.shape[0]
         self.linearization = Linearization(slots, window.points.capacity)
         self._leaving = PointTable(slots, window.points.capacity)
-        self._unit_is_held = False
         self.affine_information = np.array([config.affine_a_information, config.affine_b_information])
 
     def optimize(self, window: KeyframeWindow) -> float:
@@ -93,7 +103,7 @@ class BundleAdjustment:
         for iteration in range(iterations):
             self.linearization.update(window, window.points)
             self._set_threshold(window)
-            step = self._step(window, self._unseen(window, first=iteration == 0))
+            step = self._step(window, unseen(window, first=iteration == 0))
             idepth_step = self.linearization.idepth_steps(window, step)
             window.move(step)
             window.points.arrays.idepth[: window.points.count] += idepth_step
@@ -117,7 +127,6 @@ class BundleAdjustment:
         H, b = self.linearization.H, self.linearization.b
         window.prior.H[:] += weight * H
         window.prior.b[:] += weight * (b - H @ window.offsets)
-        self._unit_is_held = True
 
     @staticmethod
     def _set_threshold(window: KeyframeWindow) -> None:
@@ -131,20 +140,14 @@ class BundleAdjustment:
             quantile = np.sqrt(np.partition(energies, rank)[rank])
             window.keyframes.energy_threshold[newest] = (0.5 * 26.0 + 0.5 * 1.5 * quantile) ** 2
 
-    def _unseen(self, window: KeyframeWindow, first: bool) -> np.ndarray:
-        """Directions to keep out of a step, (4 + 8 n, m): at first the unit if it is free, later all no image sees."""
-        if not first:
-            return null_space(window)
-        unit = unit_direction(window)
-        return unit[:, :0] if self._unit_is_held else unit
-
-    def _step(self, window: KeyframeWindow, unseen: np.ndarray) -> np.ndarray:
+    def _step(self, window: KeyframeWindow, directions: np.ndarray) -> np.ndarray:
+        """Step of (intrinsics, keyframes) without its share along orthonormal directions, (4 + 8 n, m)."""
         diagonal, gradient = affine_prior(window, self.affine_information)
         H = self.linearization.H + window.prior.H
         H[np.diag_indices_from(H)] += diagonal
         b = self.linearization.b + window.prior.b + window.prior.H @ window.offsets + gradient
         step = solve(H, b)
-        return step - unseen @ (unseen.T @ step)
+        return step - directions @ (directions.T @ step)
 
     @staticmethod
     def _converged(window: KeyframeWindow, step: np.ndarray) -> bool:
