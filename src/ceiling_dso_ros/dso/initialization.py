@@ -26,6 +26,7 @@ SETTLING_ROUNDS = 3
 MIN_POINTS = 100  # with depth, that a map needs
 MIN_IN_VIEW = 0.4  # share of the first frame's points
 MAX_BRIGHTNESS_CHANGE = 1.2  # |ln gain| beyond the exposures'
+MAX_RMSE_GROWTH = 1.5  # from one frame to the next; more says that the depths have run away
 
 
 @dataclass
@@ -120,7 +121,7 @@ class Initializer:
     @property
     def failed(self) -> bool:
         """Whether the last frame could not be aligned, or too many were: another first frame is needed."""
-        brightness = abs(self._light[0] - self._expected_log_gain)
+        brightness = abs(self._light[0] - self._expected_light[0])
         aligned = np.isfinite(self.rmse) and self.in_view > MIN_IN_VIEW and brightness < MAX_BRIGHTNESS_CHANGE
         return not aligned or self._frames >= self._config.max_frames
 
@@ -149,16 +150,13 @@ class Initializer:
             exposure_ratio: exposure of the frame over that of the first one, 1 when unknown.
         """
         self._frames += 1
-        self._expected_log_gain = np.log(exposure_ratio)
-        light = np.array([self._expected_log_gain, 0.0])
-        T = self._T @ se3.inverse(self._T_before) @ self._T  # it goes on as it did
-        if not self._snapped:
-            T[:3, 3] = 0.0
-            for level in self._levels:
-                level.points.idepth[: level.count] = 1.0
-                level.target[:] = 1.0
-        self._T_before = self._T
-        self._align(image_slot, se3.orthonormalized(T), light)
+        self._expected_light = np.array([np.log(exposure_ratio), 0.0])
+        expected = se3.orthonormalized(self._T @ se3.inverse(self._T_before) @ self._T)  # it goes on as it did
+        self._T_before, last_rmse = self._T, self.rmse
+        if self._snapped:
+            self._align(image_slot, expected, self._expected_light)
+        if not self._snapped or self.rmse > MAX_RMSE_GROWTH * last_rmse:
+            self._align_flat(image_slot, expected)
         self._snapped = self._snapped or np.linalg.norm(self._T[:3, 3]) > self._config.min_translation
         self._frames_since_snap += self._snapped
         if self.failed or not self._enough_parallax():
@@ -169,6 +167,16 @@ class Initializer:
             self.rmse = np.inf
             return None
         return self._first_map()
+
+    def _align_flat(self, image_slot: int, expected: np.ndarray) -> None:
+        """Align a frame as if the scene were a plane that is faced: little can go wrong with so few unknowns."""
+        self._snapped, self._frames_since_snap = False, 0
+        for level in self._levels:
+            level.points.idepth[: level.count] = 1.0
+            level.target[:] = 1.0
+        start = expected.copy()
+        start[:3, 3] = 0.0
+        self._align(image_slot, start, self._expected_light)
 
     def _enough_parallax(self) -> bool:
         """Enough frames with parallax; two suffice where it grows fast, as at few images a second."""

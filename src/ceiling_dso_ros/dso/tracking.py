@@ -2,7 +2,7 @@
 
 import itertools
 from dataclasses import dataclass
-from typing import Iterable, List, Optional
+from typing import Iterable, List, Optional, Tuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ MAX_OFFSET = 200.0
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
 UNIT_STRIDE = 8
 SEARCH_ANGLE = 0.02  # rad
+FINE_LEVELS = 2  # on coarser ones a grating may look like plain grey, or like itself a period further
 
 
 @dataclass(frozen=True)
@@ -88,32 +89,40 @@ class FrameTracker:
 
         Args:
             exposure: of the frame, ms, 1 when unknown.
-            hypotheses: T_frame_reference to try in order.
+            hypotheses: T_frame_reference to try in order; the first one on the finest levels alone, too, where
+                coarse ones mislead it.
             affine: first guess of the frame's brightness (a, b).
             expected_rmse: the last frame's; a hypothesis not much worse is taken at once.
         """
         growth = self._config.max_rmse_growth
         best: Optional[TrackedFrame] = None
         best_errors = [np.inf] * self._pool.shape.levels
-        for hypothesis in hypotheses:
-            limits = [growth * error for error in best_errors]
+        for hypothesis, levels in self._attempts(hypotheses):
+            limits = [growth * error for error in best_errors[:levels]]
             errors: List[float] = []
             tracked = self._descend(image_slot, exposure, reference, hypothesis, affine, limits, errors)
             if tracked is not None and (best is None or tracked.rmse < best.rmse):
-                best, best_errors = tracked, errors[::-1]
+                best, best_errors = tracked, errors[::-1] + best_errors[levels:]
             if best is not None and best.rmse < growth * expected_rmse:
                 break
         return best
+
+    def _attempts(self, hypotheses: Iterable[np.ndarray]) -> Iterable[Tuple[np.ndarray, int]]:
+        """Hypotheses with the number of pyramid levels that each is followed down."""
+        for k, hypothesis in enumerate(hypotheses):
+            yield hypothesis, self._pool.shape.levels
+            if k == 0:
+                yield hypothesis, FINE_LEVELS
 
     def _descend(
         self, image_slot: int, exposure: float, reference: TrackingReference, T_frame_reference: np.ndarray,
         affine: np.ndarray, limits: List[float], errors: List[float],
     ) -> Optional[TrackedFrame]:  # fmt: skip
-        """Follow one hypothesis from the coarsest level to the finest; None as soon as it fails."""
+        """Follow one hypothesis down as many levels as there are limits, to the finest; None as soon as it fails."""
         T, ab = T_frame_reference, affine
         ratio = exposure / reference.exposure
         saturated = 1.0
-        for level in range(self._pool.shape.levels - 1, -1, -1):
+        for level in range(len(limits) - 1, -1, -1):
             points = reference.levels[level]
             width, height = self._pool.shape.sizes[level]
             intrinsics = level_intrinsics(reference.intrinsics, level)
