@@ -21,7 +21,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
 from support.drives import is_missing
-from support.growth import describe, measure_growth, write_figure
+from support.growth import USUAL, describe, measure_growth, write_figure
 from support.node_latency import play
 from support.rendered import RenderedDrive, RenderedDrives
 from support.ros_processes import ros_environment
@@ -67,6 +67,11 @@ def on_cores(count: int, arguments: List[str], environment: Dict[str, str]) -> s
     ).stdout
 
 
+def as_options(*settings: str) -> List[str]:
+    """Settings, key=value, as words of a command."""
+    return [word for text in settings for word in ("--set", text)]
+
+
 def unit_ms() -> float:
     """The machine's unit now, on the core that is measured."""
     return float(on_cores(1, ["-c", UNIT], {}))
@@ -83,7 +88,7 @@ def benchmark(source: Path, cores: int, environment: Dict[str, str], *options: s
 def measure(recording: Path, environment: Dict[str, str]) -> Tuple[Dict[str, float], float, Tuple[float, float]]:
     """Of one run: frame times in units by kind, peak memory in MB, and the unit before and after."""
     before = unit_ms()
-    result = benchmark(recording, 1, environment, "--repeats", "1")
+    result = benchmark(recording, 1, environment, "--repeats", "1", *as_options(*USUAL))
     units = before, unit_ms()
     times = {kind: ms / float(np.mean(units)) for kind, ms in result["frame_ms"].items()}
     return times, result["peak_memory_mb"], units
@@ -104,7 +109,7 @@ def live_rows(bag: Path, runs: int) -> Iterator[Row]:
     """In real time, with windows of two lengths."""
     for keyframes, least in SPEED_FACTORS.items():
         subject = f"{bag.stem}, live, window {keyframes}"
-        settings = ("--set", f"window.max_keyframes={keyframes}")
+        settings = as_options(*USUAL, f"window.max_keyframes={keyframes}")
         results = [benchmark(bag, 2, {}, "--live", "1", *settings) for _ in range(runs)]
         yield Row(subject, "speed factor", [result["speed_factor"] for result in results], low=least)
         yield Row(subject, "images dropped while tracking", [result["dropped"] for result in results], high=0)
@@ -169,7 +174,7 @@ def drives(options: argparse.Namespace) -> RenderedDrives:
 
 def one_run(bag: Path, *settings: str) -> Dict[str, Any]:
     """What the command `benchmark` writes of one run on one core."""
-    return benchmark(bag, 1, {}, "--repeats", "1", *(word for text in settings for word in ("--set", text)))
+    return benchmark(bag, 1, {}, "--repeats", "1", *as_options(*settings))
 
 
 PARTS = {part.__name__: part for part in (recordings, live, nodes, growth, bounds)}

@@ -139,8 +139,19 @@ class DirectOdometry:
             return self._reject_map(frame, f"does not explain the images ({self._map.rmse:.1f} grey levels)")
         if self._map.active_points < self.config.initialization.min_share * self.config.window.active_points:
             return self._reject_map(frame, f"has {self._map.active_points} points only")
+        if self._texture_of_first_map(first_id) < self.config.initialization.min_texture:
+            return self._reject_map(frame, "has too little texture: noise could have made it")
         self._history = [(first_id, np.eye(4))]
         return self._remember(self._refined(frame), self._map.reference, is_keyframe=True)
+
+    def _texture_of_first_map(self, first_id: int) -> float:
+        """How well the first frame is found again on its map, see `TrackedFrame.weakest`; 0 if it is not."""
+        reference = self._map.reference
+        T_first_reference = self._map.pose_of(first_id) @ se3.inverse(reference.T_camera_world)
+        found = self._tracker.track(
+            self._first.image_slot, self._first.exposure, reference, [T_first_reference], np.zeros(2), self._map.rmse
+        )
+        return 0.0 if found is None else found.weakest
 
     def _start_from(self, frame: Frame, message: str) -> OdometryStatus:
         self._initializer.start(frame.image_slot, self._selector)
