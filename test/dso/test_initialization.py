@@ -150,6 +150,36 @@ def test_no_map_without_parallax():
         assert session.add(se3.exp(k * np.array([0, 0, 0, 0, 0, 0.02]))) is None
 
 
+def test_depths_that_run_away_are_flattened_and_found_later(monkeypatch):
+    """On faint planes the first alignment with free depths may end far off, with a much larger error."""
+    session = Session(RELIEF)
+    session.start()
+    align, ran_away = Initializer._align, []
+
+    def run_away_once(self, image_slot, T, light):
+        align(self, image_slot, T, light)
+        if self._snapped and not ran_away:
+            ran_away.append(self.rmse)
+            self._T = se3.exp(np.array([0.5, 0.0, 0.0, 0.0, 0.3, 0.0])) @ self._T
+            self._levels[0].points.idepth[:] = 9.0
+            self.rmse *= 10.0
+
+    monkeypatch.setattr(Initializer, "_align", run_away_once)
+    for k in range(1, 20):
+        T = se3.exp(k * np.array([0.01, 0.004, 0.0, 0.0, 0.0, 0.0]))
+        already = bool(ran_away)
+        first_map = session.add(T)
+        if ran_away and not already:
+            assert session.initializer.rmse < 3 * ran_away[0]
+            assert np.linalg.norm(session.initializer._T[:3, 3]) < 0.2
+        if first_map is not None:
+            break
+    assert ran_away
+    true = RELIEF.idepth(np.eye(4), first_map.pixels.u, first_map.pixels.v)
+    scale = np.median(true / first_map.idepth)
+    assert np.median(np.abs(first_map.idepth * scale / true - 1)) < 0.02
+
+
 def test_frames_without_texture_give_no_map_and_no_error():
     session = Session(RELIEF)
     session.start()

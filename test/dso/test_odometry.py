@@ -227,6 +227,7 @@ def with_setting(part, **values):
     ("part", "values", "message"),
     [
         ("initialization", {"max_rmse": 0.01}, "does not explain"),
+        ("initialization", {"min_texture": 1e9}, "too little texture"),
         ("window", {"active_points": 10000}, "points only"),
     ],
 )

@@ -88,11 +88,11 @@ def test_a_hypothesis_far_off_is_given_up_on_the_coarsest_level(pool, reference,
     image = SURFACE.render(T, CAMERA, REFERENCE_AFFINE, 1.1)
     widths, align = [], tracking.align
     monkeypatch.setattr(tracking, "align", lambda *args: widths.append(args[5]) or align(*args))
-    alone = track(pool, reference, image, [T])
+    alone = track(pool, reference, image, [T], expected_rmse=0.0)
     widths.clear()
     tracked = track(pool, reference, image, [T, far], expected_rmse=0.0)  # never good enough to stop trying
-    assert widths[:3] == [80, 160, 320]
-    assert set(widths[3:]) == {80}
+    assert widths[:5] == [80, 160, 320, 160, 320]  # the first hypothesis on the finest levels alone, too
+    assert set(widths[5:]) == {80}
     np.testing.assert_array_equal(tracked.T_frame_reference, alone.T_frame_reference)
 
 
@@ -101,6 +101,24 @@ def test_a_later_hypothesis_may_win(pool, reference):
     image = SURFACE.render(T, CAMERA, REFERENCE_AFFINE, 1.1)
     tracked = track(pool, reference, image, [np.eye(4), se3.exp(np.array([0, 0, 0, 0, 0, 0.48]))], expected_rmse=3.0)
     assert np.abs(se3.log(tracked.T_frame_reference @ np.linalg.inv(T))).max() < 1e-3
+
+
+def test_a_right_hypothesis_survives_coarse_levels_that_mislead_it(pool, reference, monkeypatch):
+    """As beside a grating, which looks like itself a period further."""
+    T = se3.exp(np.array([0.04, 0.0, 0.0, 0.0, 0.0, 0.02]))
+    image = SURFACE.render(T, CAMERA, REFERENCE_AFFINE, 1.1)
+    away, align = se3.exp(np.array([0.2, 0.1, 0.0, 0.0, 0.0, 0.0])), tracking.align
+
+    def misled(*args):
+        T_found, *rest = align(*args)
+        return (away @ T_found if args[5] == 80 else T_found, *rest)
+
+    monkeypatch.setattr(tracking, "align", misled)
+    tracked = track(pool, reference, image, [T, np.eye(4)], expected_rmse=3.0)
+    assert np.abs(se3.log(tracked.T_frame_reference @ np.linalg.inv(T))).max() < 1e-3
+    monkeypatch.setattr(FrameTracker, "_attempts", lambda self, hypotheses: ((T, 3) for T in hypotheses))
+    tracked = track(pool, reference, image, [T, np.eye(4)], expected_rmse=3.0)
+    assert tracked is None or np.abs(se3.log(tracked.T_frame_reference @ np.linalg.inv(T))).max() > 1e-2
 
 
 def test_a_good_first_hypothesis_ends_the_search(pool, reference):

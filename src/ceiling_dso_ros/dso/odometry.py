@@ -147,7 +147,7 @@ class DirectOdometry:
     def _texture_of_first_map(self, first_id: int) -> float:
         """How well the first frame is found again on its map, see `TrackedFrame.weakest`; 0 if it is not."""
         reference = self._map.reference
-        T_first_reference = self._map.pose_of(first_id) @ se3.inverse(reference.T_camera_world)
+        T_first_reference = se3.inverse(reference.T_camera_world @ self._map.pose_of(first_id))
         found = self._tracker.track(
             self._first.image_slot, self._first.exposure, reference, [T_first_reference], np.zeros(2), self._map.rmse
         )
