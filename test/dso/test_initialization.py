@@ -162,7 +162,7 @@ def test_depths_that_run_away_are_flattened_and_found_later(monkeypatch):
             ran_away.append(self.rmse)
             self._T = se3.exp(np.array([0.5, 0.0, 0.0, 0.0, 0.3, 0.0])) @ self._T
             self._levels[0].points.idepth[:] = 9.0
-            self.rmse *= 10.0
+            self.rmse *= 100.0
 
     monkeypatch.setattr(Initializer, "_align", run_away_once)
     for k in range(1, 20):
@@ -170,7 +170,7 @@ def test_depths_that_run_away_are_flattened_and_found_later(monkeypatch):
         already = bool(ran_away)
         first_map = session.add(T)
         if ran_away and not already:
-            assert session.initializer.rmse < 3 * ran_away[0]
+            assert session.initializer.rmse < 20 * ran_away[0]  # that of a plane before a relief
             assert np.linalg.norm(session.initializer._T[:3, 3]) < 0.2
         if first_map is not None:
             break
