@@ -228,6 +228,7 @@ def with_setting(part, **values):
     [
         ("initialization", {"max_rmse": 0.01}, "does not explain"),
         ("initialization", {"min_texture": 1e9}, "too little texture"),
+        ("initialization", {"min_point_texture": 1e9}, "too little texture"),
         ("window", {"active_points": 10000}, "points only"),
     ],
 )

@@ -50,7 +50,8 @@ class InitializationConfig:
     max_frames: int = 300  # without a map the first frame is replaced
     max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
     min_share: float = 0.3  # of the wanted active points that a first map must have
-    min_texture: float = 30.0  # as tracking.min_texture, of the first frame on its map: to begin takes more than to go on
+    min_texture: float = 30.0  # as tracking.min_texture, of the first frame on its map: beginning takes more
+    min_point_texture: float = 12.0  # squared gradient over that of noise that half of its points must have
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
     translation_coupling: float = 2000.0  # and the translation to zero; more lets a rotation pass for it
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
@@ -71,6 +72,7 @@ class InitializationConfig:
         )
         require(0 <= self.min_share < 1, f"initialization.min_share={self.min_share}: 0 to 1")
         require(self.min_texture >= 0, f"initialization.min_texture={self.min_texture}: not negative")
+        require(self.min_point_texture >= 0, f"initialization.min_point_texture={self.min_point_texture}: not negative")
         require(self.max_rmse > 0, f"initialization.max_rmse={self.max_rmse}: positive grey levels")
 
 

@@ -21,7 +21,7 @@ from ceiling_dso_ros.dso.stage_timer import StageTimer
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
-from ceiling_dso_ros.dso.uncertainty import world_covariance
+from ceiling_dso_ros.dso.uncertainty import noise_gradient2, world_covariance
 
 MAX_BACKLOG = 6  # frames that the mapping may have before it; further ones are not traced
 # Beside the window's: the frame in work, the initialiser's first frame, one that is about to leave, and the backlog.
@@ -139,19 +139,22 @@ class DirectOdometry:
             return self._reject_map(frame, f"does not explain the images ({self._map.rmse:.1f} grey levels)")
         if self._map.active_points < self.config.initialization.min_share * self.config.window.active_points:
             return self._reject_map(frame, f"has {self._map.active_points} points only")
-        if self._texture_of_first_map(first_id) < self.config.initialization.min_texture:
+        if not self._is_textured(frame, first_id):
             return self._reject_map(frame, "has too little texture: noise could have made it")
         self._history = [(first_id, np.eye(4))]
         return self._remember(self._refined(frame), self._map.reference, is_keyframe=True)
 
-    def _texture_of_first_map(self, first_id: int) -> float:
-        """How well the first frame is found again on its map, see `TrackedFrame.weakest`; 0 if it is not."""
+    def _is_textured(self, frame: Frame, first_id: int) -> bool:
+        """Whether the first frame is found again on its map beyond doubt, and not by the few points of one lamp."""
         reference = self._map.reference
         T_first_reference = se3.inverse(reference.T_camera_world @ self._map.pose_of(first_id))
         found = self._tracker.track(
             self._first.image_slot, self._first.exposure, reference, [T_first_reference], np.zeros(2), self._map.rmse
         )
-        return 0.0 if found is None else found.weakest
+        if found is None or found.weakest < self.config.initialization.min_texture:
+            return False
+        gradient2 = self._selector.gradient2_at(frame.image_slot, reference.levels[0].u, reference.levels[0].v)
+        return np.median(gradient2) >= self.config.initialization.min_point_texture * noise_gradient2(self._map.rmse)
 
     def _start_from(self, frame: Frame, message: str) -> OdometryStatus:
         self._initializer.start(frame.image_slot, self._selector)

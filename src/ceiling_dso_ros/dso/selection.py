@@ -195,6 +195,13 @@ class PixelSelector:
             count = select_in_grid(*arguments, self.cell, self._indices, self._kinds)
         return self._thinned(count, wanted, widths[0])
 
+    def gradient2_at(self, slot: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Squared gradient, (n,) float32, of the image in slot at the pixels nearest to (u, v)."""
+        width, height = self._pool.shape.sizes[0]
+        gradient2 = np.zeros(width * height, np.float32)
+        squared_gradient(self._pool.level(slot, 0), width, height, gradient2)
+        return gradient2[np.rint(v).astype(int) * width + np.rint(u).astype(int)]
+
     def _prepare(self, slot: int) -> Tuple[Tuple[np.ndarray, ...], Tuple[int, ...], np.ndarray]:
         images = tuple(self._pool.level(slot, level) for level in range(self._levels))
         for level, (width, height) in enumerate(self._pool.shape.sizes[: self._levels]):

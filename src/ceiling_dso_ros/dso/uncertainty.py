@@ -23,6 +23,11 @@ MAX_NOISE_RMSE = 4.0  # grey levels; a larger error is not noise but blur or a w
 MIN_SHARE = 0.05  # of the noise's squared gradient that remains as information, so that the covariance is finite
 
 
+def noise_gradient2(rmse: float) -> float:
+    """Squared gradient that noise alone gives, from the photometric error in grey levels."""
+    return GRADIENT_NOISE * min(rmse, MAX_NOISE_RMSE) ** 2
+
+
 @kernel
 def unit_information(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, intrinsics: np.ndarray, T_frame_reference: np.ndarray
@@ -79,7 +84,7 @@ class Observability:
         half = np.linalg.solve(lower, scale[:, None] * information * scale)
         gradients, vectors = np.linalg.eigh(np.linalg.solve(lower, half.T))
         motions = scale[:, None] * np.linalg.solve(lower.T, vectors)
-        return cls(gradients, motions, GRADIENT_NOISE * min(rmse, MAX_NOISE_RMSE) ** 2)
+        return cls(gradients, motions, noise_gradient2(rmse))
 
     @property
     def weakest(self) -> float:
