@@ -15,7 +15,7 @@ from ceiling_dso_ros.dso.jit import kernel
 
 # Neighbouring points share depth errors, and the pose of the keyframe has an error of its own, so that residuals count
 # for far less than as many independent ones. Measured: simulated drives on three ceilings, 848x480.
-CORRELATION = 25.0
+CORRELATION = 15.0
 # Variance of a central difference of independent noise is half of the noise's, of its bilinear interpolation 4/9 of
 # that, and the noise's at most half of the squared photometric error between two images.
 GRADIENT_NOISE = 0.11
