@@ -26,6 +26,8 @@ BAD = [
     (WindowConfig, "candidate_points", 20001),
     (WindowConfig, "active_points", 0),
     (WindowConfig, "active_points", 20001),
+    (InitializationConfig, "min_texture", -1.0),
+    (InitializationConfig, "min_point_texture", -1.0),
     (InitializationConfig, "densities", ()),
     (InitializationConfig, "densities", (0.5, 0.0)),
     (InitializationConfig, "densities", (0.5, 1.1)),
