@@ -137,6 +137,7 @@ def _recovered(subject: str, runs: List[TrackedRun], without_s: List[float]) -> 
     yield Row(subject, "motion before the first pose, s", [run.motion_before_first_pose_s() for run in runs])
     yield Row(subject, "times lost", [run.lost for run in runs])
     yield Row(subject, "final ATE of all segments, mm", [1e3 * run.final_ate_m for run in runs])
+    yield Row(subject, "its share of the path, %", [run.final_ate_percent for run in runs], WORST_PERCENT)
 
 
 def covariance(tracked: TrackedDrives, count: int) -> Iterator[Row]:

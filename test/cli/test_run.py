@@ -117,6 +117,11 @@ def test_settings_of_the_fusion(wheeled_folder, command, tmp_path):
     assert_refused(wrong, "graph.window")
 
 
+def test_predicting_needs_wheels(tum_folder, command, tmp_path):
+    refused = command("run", tum_folder, "--out", tmp_path / "out", "--predict")
+    assert_refused(refused, str(tum_folder), "--predict needs wheels")
+
+
 def test_wheels_of_an_unknown_robot_are_not_fused(wheeled_folder, command, tmp_path):
     (wheeled_folder / "robot.yaml").unlink()
     result = command("run", wheeled_folder, "--out", tmp_path / "out")

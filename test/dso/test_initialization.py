@@ -180,6 +180,20 @@ def test_depths_that_run_away_are_flattened_and_found_later(monkeypatch):
     assert np.median(np.abs(first_map.idepth * scale / true - 1)) < 0.02
 
 
+def test_a_first_frame_that_was_covered_in_part_leads_to_no_map():
+    """A third of its points are on something that is gone: they pull the motion, and fit nowhere all the same."""
+    session = Session(RELIEF)
+    elsewhere = RELIEF.render(se3.exp(np.array([0.5, 0.4, 0.0, 0.0, 0.0, 0.0])))
+    first = RELIEF.render(np.eye(4))
+    first[:, :120] = elsewhere[:, :120]
+    session.initializer.start(session.pool.build(first), PixelSelector(session.pool))
+    for k in range(1, 12):
+        assert session.add(se3.exp(k * np.array([0.01, 0.004, 0.0, 0.0, 0.0, 0.0]))) is None
+        if session.initializer.failed:
+            break
+    assert session.initializer.failed
+
+
 def test_frames_without_texture_give_no_map_and_no_error():
     session = Session(RELIEF)
     session.start()

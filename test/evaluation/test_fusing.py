@@ -62,6 +62,26 @@ def test_the_summary_tells_scale_and_changes(playback):
     assert changes[-1]["reasons"][0].startswith("camera: silent")  # the wheels go on for a second longer
 
 
+def test_predicts_the_motion_in_the_unit_of_the_segment():
+    playback = FusionPlayback(wheels(10.0), robot_model(ROBOT))
+    known = list(statuses(9.0))
+    for status in known:
+        playback.add(status)
+    T_last_camera = playback.predicted_motion(known[-1], known[-1].stamp_s + 0.3)
+    np.testing.assert_allclose(T_last_camera[:3, 3], [0.3 * SPEED_M_S / HEIGHT_M, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(T_last_camera[:3, :3], np.eye(3), atol=1e-3)
+
+
+@pytest.mark.parametrize("change", [{"state": TrackingState.LOST}, {"segment": 1}])
+def test_predicts_nothing_after_a_loss_and_before_the_segment_has_a_scale(change):
+    playback = FusionPlayback(wheels(10.0), robot_model(ROBOT))
+    known = list(statuses(5.0))
+    for status in known:
+        playback.add(status)
+    last = dataclasses.replace(known[-1], **change)
+    assert playback.predicted_motion(last, last.stamp_s + 0.1) is None
+
+
 def test_without_images_there_are_wheels_alone(tmp_path):
     playback = FusionPlayback(wheels(2.0), robot_model(ROBOT))
     playback.finish()

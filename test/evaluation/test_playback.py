@@ -84,6 +84,44 @@ def test_every_frame_reaches_the_odometry_after_preprocessing():
     assert [image[0, 0] for image, _, _ in odometry.seen] == [100.0, 101.0, 102.0, 103.0]
 
 
+class Wheels:
+    """Stands for the fusion: says of every image how far the camera has come."""
+
+    def predicted_motion(self, last, stamp_s):
+        T_last_camera = np.eye(4)
+        T_last_camera[0, 3] = stamp_s - last.stamp_s
+        return T_last_camera
+
+    def add(self, status):
+        pass
+
+    def finish(self):
+        pass
+
+
+class PredictedOdometry(FakeOdometry):
+    """Keeps what it is told besides."""
+
+    def __init__(self):
+        super().__init__()
+        self.known = []
+
+    def track(self, image, stamp_s, exposure_ms, **known):
+        self.known.append(known)
+        return super().track(image, stamp_s, exposure_ms)
+
+
+def test_the_wheels_predict_the_motion_since_the_last_image_when_asked_to():
+    odometry = PredictedOdometry()
+    Playback(lambda image: image, odometry, print, Wheels(), predict=True).play(frames(3))
+    assert odometry.known[0] == {}
+    assert [known["T_last_camera"][0, 3] for known in odometry.known[1:]] == [1.0, 1.0]
+
+    unasked = PredictedOdometry()
+    Playback(lambda image: image, unasked, print, Wheels()).play(frames(3))
+    assert unasked.known == [{}, {}, {}]
+
+
 def test_summary_counts():
     playback, _ = playback_of(frames(9))
     summary = playback.summary()

@@ -81,6 +81,30 @@ def test_scale_of_a_new_segment_is_estimated_anew_and_the_pose_is_kept():
     assert np.exp(after.log_scale) == pytest.approx(1.4 * SCALE, rel=1e-3)
 
 
+def without_shift(interval):
+    """Turned on the spot: the camera is above the turning centre and sees no motion that could tell the scale."""
+    turned = replace(interval.visual, shift=np.zeros(2), lever_m=np.zeros(3))
+    step = WheelStep(interval.end - 1.0, float(interval.end), np.array([0.0, 0.0, interval.visual.yaw]))
+    return replace(interval, visual=turned, wheels=NOISE.extend(WheelMotion.nothing(interval.end - 1.0), step))
+
+
+@pytest.mark.parametrize("untold", [without_shift, lambda interval: replace(interval, visual=None)])
+def test_a_new_segment_may_tell_nothing_of_its_scale_for_long(untold):
+    """Its scales are held by a prior of sigma 1, and to each other ten thousand times more firmly."""
+    intervals, _ = chain(60, segment_at=20)
+    intervals[20:50] = [untold(interval) for interval in intervals[20:50]]
+    graph = WindowGraph(config(), NOISE)
+    run(graph, intervals[:20])
+    for interval in intervals[20:50]:
+        estimate = run(graph, [interval])
+        assert graph.intervals[-1].visual is interval.visual
+        assert estimate.scale_sigma == pytest.approx(1.0, abs=0.05)
+        assert estimate.log_scale == pytest.approx(np.log(4.0), abs=0.05)
+    after = run(graph, intervals[50:])
+    assert np.exp(after.log_scale) == pytest.approx(1.4 * SCALE, rel=2e-3)
+    assert after.scale_sigma < 0.01
+
+
 def test_what_leaves_the_window_stays_as_a_prior():
     """On a linear problem nothing would be lost; here next to nothing is."""
     intervals, _ = chain(80, np.random.default_rng(1))

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from support.rendered import RenderedDrives
 from tabulate import tabulate
 
+from ceiling_dso_ros.dso.config import WindowConfig
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
 DURATION_S = 20.0
@@ -79,6 +80,9 @@ def variations() -> Iterator[Variation]:
         yield Variation("keyframes in the window", str(keyframes), settings)
     for size in SIZES:
         yield Variation("image", "x".join(map(str, size)), size=size)
+    own = WindowConfig()
+    settings = f"window.max_keyframes={own.max_keyframes}", f"window.active_points={own.active_points}"
+    yield Variation("default", f"{own.max_keyframes} keyframes,\n{own.active_points} points", settings)
 
 
 def measure_growth(drives: RenderedDrives, benchmark: Callable[..., Dict[str, Any]]) -> List[Growth]:
@@ -114,7 +118,7 @@ def describe(found: Sequence[Growth]) -> str:
         frame_ms = growth.result["frame_ms"]
         rows.append(
             {
-                "": f"{growth.variation.quantity} {growth.variation.value}",
+                "": f"{growth.variation.quantity} {growth.variation.value}".replace("\n", " "),
                 "mean": frame_ms["all"],
                 "keyframe": frame_ms["keyframes"],
                 "other": frame_ms["others"],
@@ -130,7 +134,8 @@ def write_figure(path: Path, found: Sequence[Growth]) -> None:
     quantities = list(dict.fromkeys(growth.variation.quantity for growth in found))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 3.2), layout="constrained")
-        panels = figure.subplots(1, len(quantities), sharey=True)
+        widths = [sum(growth.variation.quantity == quantity for growth in found) for quantity in quantities]
+        panels = figure.subplots(1, len(quantities), sharey=True, width_ratios=widths)
         for axes, quantity in zip(panels, quantities):
             members = [growth for growth in found if growth.variation.quantity == quantity]
             labels, bottom = [growth.variation.value for growth in members], [0.0] * len(members)

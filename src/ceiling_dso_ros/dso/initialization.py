@@ -13,7 +13,7 @@ from ceiling_dso_ros.dso.initialization_kernels import align_level, smooth
 from ceiling_dso_ros.dso.linear_solver import solve_positive
 from ceiling_dso_ros.dso.linearization import scratch_memory
 from ceiling_dso_ros.dso.neighbourhood import nearest_neighbours
-from ceiling_dso_ros.dso.points import PointArrays, ResidualArrays, point_arrays, residual_arrays
+from ceiling_dso_ros.dso.points import OUTLIER, PointArrays, ResidualArrays, point_arrays, residual_arrays
 from ceiling_dso_ros.dso.pyramid import PyramidPool, level_intrinsics
 from ceiling_dso_ros.dso.selection import BORDER, PixelSelector, SelectedPixels, squared_gradient
 
@@ -26,6 +26,7 @@ SETTLING_ROUNDS = 3
 MIN_POINTS = 100  # with depth, that a map needs
 MIN_IN_VIEW = 0.4  # share of the first frame's points
 MAX_BRIGHTNESS_CHANGE = 1.2  # |ln gain| beyond the exposures'
+MAX_MISFITS = 0.01  # share of the first frame's points that may fit nowhere, besides as many as have left the view
 MAX_RMSE_GROWTH = 1.5  # from one frame to the next; more says that the depths have run away
 
 
@@ -163,7 +164,7 @@ class Initializer:
             return None
         if self._has_depth():
             self._try_dual(image_slot)
-        if not self._has_depth():
+        if not self._has_depth() or not self._fits():
             self.rmse = np.inf
             return None
         return self._first_map()
@@ -189,6 +190,16 @@ class Initializer:
         level = self._levels[0]
         seen = np.count_nonzero(level.points.idepth_hessian[: level.count] > 0)
         return seen >= MIN_POINTS and bool(np.isfinite(self._T).all())
+
+    def _fits(self) -> bool:
+        """Whether hardly more points fit nowhere than the motion can have hidden.
+
+        A motion that takes few points out of view hides few behind others. Many misfits in spite of that are a wrong
+        motion, as when a cover slid off the lens in the first frame and its edge was taken for a part of the scene.
+        """
+        level = self._levels[0]
+        misfits = np.count_nonzero(level.residuals.state[0, : level.count] == OUTLIER)
+        return misfits <= (1.0 - self.in_view + MAX_MISFITS) * level.count
 
     def _align(self, image_slot: int, T: np.ndarray, light: np.ndarray) -> None:
         """Coarse-to-fine alignment of a frame from a starting motion and brightness."""
@@ -216,7 +227,7 @@ class Initializer:
             return
         T_dual, plane_dual = dual
         self._settle(image_slot)
-        state = copy.deepcopy((self._levels, self._T, self._light, self.rmse))
+        state = copy.deepcopy((self._levels, self._T, self._light, self.rmse, self.in_view))
         for index, level in enumerate(self._levels):
             idepth = self._plane_idepth(index, plane_dual)
             if idepth.min() < MIN_DUAL_IDEPTH * idepth.mean():
@@ -227,7 +238,7 @@ class Initializer:
         self._T = T_dual
         self._settle(image_slot)
         if self.rmse > state[3]:
-            self._levels, self._T, self._light, self.rmse = state
+            self._levels, self._T, self._light, self.rmse, self.in_view = state
 
     def _settle(self, image_slot: int) -> None:
         for _ in range(SETTLING_ROUNDS):

@@ -23,6 +23,9 @@ FIRST_HEIGHT_SIGMA = 1.0
 MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
 COST_TOLERANCE = 1e-4  # half a squared sigma is 1
 STANDING_SHIFT = 0.01  # units: the scale may drift as over this way even when a keyframe is made on the spot
+# One variable after the other: in a block of several, gtsam takes one for undetermined that the others hold some
+# thousand times less firmly than these are held. So is the scale of a new segment while nothing tells it.
+LINEAR_SOLVER = "SEQUENTIAL_CHOLESKY"
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,22 @@ class FactorBuilder:
         return covariance
 
 
+def joint_covariance(linear: gtsam.GaussianFactorGraph, keys: Sequence[int], size: int) -> np.ndarray:
+    """Covariance of some variables of a graph in their order, (size, size) float64, `size` their dimensions together.
+
+    Not by `gtsam.Marginals`, which leaves no choice of `LINEAR_SOLVER`; the window is small enough for a dense matrix.
+
+    Raises:
+        numpy.linalg.LinAlgError: the graph does not determine all of its variables.
+    """
+    ordering = gtsam.Ordering()
+    for key in [*(key for key in linear.keyVector() if key not in keys), *keys]:
+        ordering.push_back(key)
+    information, _ = linear.hessian(ordering)
+    root = np.linalg.inv(np.linalg.cholesky(information)[-size:, -size:])
+    return root.T @ root
+
+
 class WindowGraph:
     """The live estimate over the newest keyframes; its cost does not grow with the way.
 
@@ -163,6 +182,7 @@ class WindowGraph:
         self._intervals: Deque[Interval] = deque()
         self._factors: Dict[int, List[gtsam.NonlinearFactor]] = {}
         self._parameters = gtsam.LevenbergMarquardtParams()
+        self._parameters.setLinearSolverType(LINEAR_SOLVER)
         self._parameters.setMaxIterations(MAX_ITERATIONS)
         self._parameters.setRelativeErrorTol(COST_TOLERANCE)
         self._parameters.setAbsoluteErrorTol(COST_TOLERANCE)
@@ -208,7 +228,7 @@ class WindowGraph:
         """
         try:
             return self._solve()
-        except RuntimeError:  # gtsam: indeterminate system
+        except (RuntimeError, np.linalg.LinAlgError):  # gtsam's word for an indeterminate system, and numpy's
             self.revise(self.newest, visual=None)
             return self._solve()
 
@@ -219,26 +239,27 @@ class WindowGraph:
         for interval in self._intervals:
             for factor in self._factors[interval.end]:
                 graph.push_back(factor)
-        values = gtsam.LevenbergMarquardtOptimizer(graph, self._values, self._parameters).optimize()
-        marginals = gtsam.Marginals(graph, values)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, self._values, self._parameters)
+        values = optimizer.optimize()
+        if not math.isfinite(optimizer.error()):
+            raise RuntimeError("a motion is beyond all numbers")
+        estimate = self._estimate(values, graph.linearize(values))
         self._values = values
-        return self._estimate(marginals)
+        return estimate
 
-    def _estimate(self, marginals: gtsam.Marginals) -> GraphEstimate:
+    def _estimate(self, values: gtsam.Values, linear: gtsam.GaussianFactorGraph) -> GraphEstimate:
         pose_key, scale_key = factors.pose_key(self.newest), factors.scale_key(self.newest)
-        pose = self._values.atPose2(pose_key)
-        constants, constants_covariance = np.zeros(2), self._constants_covariance
-        if self._estimate_wheels:
-            constants = self._values.atVector(factors.WHEEL_KEY)
-            constants_covariance = marginals.marginalCovariance(factors.WHEEL_KEY)
+        pose = values.atPose2(pose_key)
+        wheels = [factors.WHEEL_KEY] if self._estimate_wheels else []
+        covariance = joint_covariance(linear, [pose_key, scale_key, *wheels], 4 + 2 * len(wheels))
         return GraphEstimate(
             self._intervals[-1].stamp_s,
             np.array([pose.x(), pose.y(), pose.theta()]),
-            marginals.marginalCovariance(pose_key),
-            self._values.atDouble(scale_key),
-            math.sqrt(marginals.marginalCovariance(scale_key)[0, 0]),
-            constants,
-            constants_covariance,
+            covariance[:3, :3],
+            values.atDouble(scale_key),
+            math.sqrt(covariance[3, 3]),
+            values.atVector(factors.WHEEL_KEY) if self._estimate_wheels else np.zeros(2),
+            covariance[4:, 4:] if self._estimate_wheels else self._constants_covariance,
         )
 
     def _marginalise_oldest(self) -> None:
@@ -288,7 +309,9 @@ def smooth(intervals: Sequence[Interval], config: FusionConfig, noise: WheelNois
         values.insert(factors.scale_key(interval.end), log_scale)
         for factor in builder.factors(interval):
             graph.push_back(factor)
-    solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setLinearSolverType(LINEAR_SOLVER)
+    solution = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
     nodes = []
     for interval in intervals:
         found = solution.atPose2(factors.pose_key(interval.end))

@@ -1,0 +1,57 @@
+"""Changes of the method itself, which no setting switches, for the ablation.
+
+Kernels are compiled with their constants, and a process that has changed the method has changed it for good: each
+change takes a process of its own, and a cache of compiled kernels of its own.
+"""
+
+import sys
+from typing import Callable, Dict
+
+import numpy as np
+
+from ceiling_dso_ros import dso
+from ceiling_dso_ros.dso import initialization, linearization, tracking_kernels
+from ceiling_dso_ros.dso.config import TrackingConfig
+from ceiling_dso_ros.dso.pair_geometry import PairGeometry, pair_geometry
+from ceiling_dso_ros.dso.window import KeyframeArrays
+
+
+def without_huber() -> None:
+    """Squares instead of Huber's norm; the tracking's cutoff stays, at which its own norm becomes linear."""
+    _set_everywhere("HUBER", np.float32(1e6))
+    tracking_kernels.HUBER = np.float32(TrackingConfig.cutoff)
+
+
+def without_gradient_weight() -> None:
+    """The same weight for all pixels of the pattern."""
+    _set_everywhere("GRADIENT_WEIGHT", np.float32(1e12))
+
+
+def without_first_estimates() -> None:
+    """Jacobians of the bundle adjustment at the newest estimate, though the prior was made at an earlier one."""
+
+    def at_the_estimate(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray) -> PairGeometry:
+        newest = keyframes._replace(T_camera_world_eval=keyframes.T_camera_world, affine_eval=keyframes.affine)
+        return pair_geometry(newest, n, intrinsics)
+
+    linearization.pair_geometry = at_the_estimate
+
+
+def without_second_plane() -> None:
+    """The initialiser keeps the first of the two motions by which a plane explains a pair of images."""
+    initialization.Initializer._try_dual = lambda self, image_slot: None
+
+
+CHANGES: Dict[str, Callable[[], None]] = {
+    "no Huber norm": without_huber,
+    "no gradient weight": without_gradient_weight,
+    "no first-estimate Jacobians": without_first_estimates,
+    "initialiser: first solution of a plane": without_second_plane,
+}
+
+
+def _set_everywhere(name: str, value: np.float32) -> None:
+    """Give a constant another value in all modules of the odometry, before anything is compiled."""
+    for module in [module for path, module in sys.modules.items() if path.startswith(dso.__name__)]:
+        if hasattr(module, name):
+            setattr(module, name, value)
