@@ -65,6 +65,10 @@ class FakeRobot:
         """True (3,) pose of base_link at a time, seen from where it began."""
         return planar.expmap(np.array([SPEED_M_S, 0.0, TURN_RAD_S]) * (time_s - self._begin_s))
 
+    def now_s(self):
+        """What the robot would stamp now."""
+        return rospy.get_time() + self.shift_s
+
     def joint_state(self, left_rad, right_rad, names=("left_wheel", "right_wheel")):
         """Publish any wheel angles, with the stamp of now."""
         self._joints.publish(
@@ -146,6 +150,23 @@ class Listener:
         """Wait for that many more poses."""
         wanted = len(self.poses) + count
         wait_until(lambda: len(self.poses) >= wanted, "the poses have stopped")
+
+    def wait_for_scale(self, robot):
+        """Wait until the scale is known of a sample that is still to come: others may be of before a reset."""
+        start_s = robot.now_s()
+
+        def is_known():
+            newest = self.scales[-1:]
+            return any(s.converged and start_s < s.header.stamp.to_sec() <= robot.now_s() for s in newest)
+
+        wait_until(is_known, "the scale is not found")
+
+    def wait_for_jump(self, messages, first, xy, reach_m):
+        """Wait until one of the nav_msgs/Odometry of 4 s since the first is near a place too far away to drive to."""
+        wait_until(
+            lambda: any(np.linalg.norm(xy_yaw(m)[:2] - xy) < reach_m for m in messages[first : first + 4 * WHEEL_HZ]),
+            f"nothing comes from {xy}",
+        )
 
     def _on_pose(self, message):
         self.arrivals_s.append(rospy.get_time())

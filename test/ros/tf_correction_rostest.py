@@ -8,7 +8,7 @@ import numpy as np
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
-from fake_robot import FakeRobot, Listener, parents, wait_until, xy_yaw
+from fake_robot import FakeRobot, Listener, parents, xy_yaw
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
@@ -20,9 +20,9 @@ from ceiling_dso_ros.srv import SetPose
 class TfCorrection(unittest.TestCase):
     def test_every_frame_has_one_parent_and_the_chain_is_the_fused_pose(self):
         listener = Listener()
-        with FakeRobot():
+        with FakeRobot() as robot:
             listener.wait_for_level("fusion_node", DiagnosticStatus.OK)
-            wait_until(lambda: listener.scales[-1].converged, "the scale is not found")
+            listener.wait_for_scale(robot)
             # Far from the wheels' own idea, so that the correction has something to correct.
             there = PoseStamped(Header(), pose_from_matrix(planar.lift(np.array([3.0, -2.0, 1.0]))))
             self.assertTrue(rospy.ServiceProxy("fusion_node/set_pose", SetPose)(there).success)
