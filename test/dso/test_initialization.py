@@ -180,6 +180,21 @@ def test_depths_that_run_away_are_flattened_and_found_later(monkeypatch):
     assert np.median(np.abs(first_map.idepth * scale / true - 1)) < 0.02
 
 
+def test_a_dual_plane_that_cuts_the_view_of_one_level_leaves_all_levels_as_they_are(monkeypatch):
+    asked = []
+
+    def plane_idepth(self, index, plane):
+        asked.append(index)
+        return np.full(self._levels[index].count, -1.0 if index else 1.0, np.float32)
+
+    monkeypatch.setattr(Initializer, "_plane_idepth", plane_idepth)
+    first_map, _ = fly([0.01, 0.0, 0.004, 0.0, 0.0, -0.005])
+    assert set(asked) >= {0, 1}
+    true = RELIEF.idepth(np.eye(4), first_map.pixels.u, first_map.pixels.v)
+    scale = np.median(true / first_map.idepth)
+    assert np.median(np.abs(first_map.idepth * scale / true - 1)) < 0.02
+
+
 def test_a_first_frame_that_was_covered_in_part_leads_to_no_map():
     """A third of its points are on something that is gone: they pull the motion, and fit nowhere all the same."""
     session = Session(RELIEF)

@@ -227,11 +227,11 @@ class Initializer:
             return
         T_dual, plane_dual = dual
         self._settle(image_slot)
+        idepths = [self._plane_idepth(index, plane_dual) for index in range(len(self._levels))]
+        if any(idepth.min() < MIN_DUAL_IDEPTH * idepth.mean() for idepth in idepths):
+            return
         state = copy.deepcopy((self._levels, self._T, self._light, self.rmse, self.in_view))
-        for index, level in enumerate(self._levels):
-            idepth = self._plane_idepth(index, plane_dual)
-            if idepth.min() < MIN_DUAL_IDEPTH * idepth.mean():
-                return
+        for level, idepth in zip(self._levels, idepths):
             level.target[:] = idepth
             level.points.idepth[: level.count] = idepth
             level.points.idepth_hessian[: level.count] = 0
