@@ -1,7 +1,9 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation.canvas import Canvas
+from ceiling_dso_ros.simulation.canvas import Canvas, _cubic_weights
 
 
 def canvas(size_m=(2.0, 1.0), texel_m=0.005, base=0.5):
@@ -43,6 +45,27 @@ def test_noise_has_the_amplitude_and_is_the_same_at_every_resolution():
     coarse.low_pass(0.02)
     difference = fine.values[::5, ::5][:150, :200] - coarse.values[:150, :200]
     assert np.std(difference) < 0.15 * np.std(coarse.values)
+
+
+def test_noise_is_the_same_to_the_bit_however_threads_share_the_work():
+    def paint(_):
+        sheet = canvas((3.5, 1.3), 0.004)
+        for wave in ((0.071, 0.047), (0.111, 0.042), (0.093, 0.033)):
+            sheet.noise(wave, 0.1)
+        return sheet.values
+
+    with ThreadPoolExecutor(2) as executor:
+        first, *others = executor.map(paint, range(20))
+    for other in others:
+        np.testing.assert_array_equal(other, first)
+
+
+def test_noise_passes_through_its_nodes_and_goes_on_at_the_edges():
+    weights = _cubic_weights(5, 4.0, 30).toarray()
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-6)
+    np.testing.assert_allclose(weights[9], weights[10, ::-1], atol=1e-6)  # about node 2, which is at texel 9.5
+    np.testing.assert_allclose(_cubic_weights(5, 5.0, 25).toarray()[2::5], np.eye(5), atol=1e-6)
+    np.testing.assert_allclose(weights[-1], [0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-6)
 
 
 def test_spots_and_curves_stay_on_the_canvas():
