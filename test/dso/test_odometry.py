@@ -60,6 +60,11 @@ def test_rotation_is_right_as_well(flight):
         assert np.linalg.norm(se3.log_so3(ours @ true.T)) < 0.01
 
 
+def test_poses_on_the_first_map_are_known_less_well_than_later_ones(flight):
+    sigmas = [np.sqrt(np.trace(s.covariance[:3, :3])) for s in flight if s.covariance is not None]
+    assert np.median(sigmas[:3]) > 2.0 * np.median(sigmas[-3:])
+
+
 def test_what_a_status_says(flight):
     ids = []
     for k, status in enumerate(flight):

@@ -8,6 +8,7 @@ from ceiling_dso_ros.dso.uncertainty import (
     CORRELATION,
     GRADIENT_NOISE,
     Observability,
+    map_error,
     unit_information,
     world_covariance,
 )
@@ -84,3 +85,10 @@ def test_covariance_of_the_inverse_pose():
     A = np.random.default_rng(3).normal(size=(6, 6))
     covariance = A @ A.T
     assert world_covariance(covariance, T_camera_world) == pytest.approx(J @ covariance @ J.T, rel=1e-3, abs=1e-3)
+
+
+def test_the_first_maps_error_counts_less_with_every_keyframe_and_nothing_in_the_end():
+    factors = [map_error(age) for age in range(40)]
+    assert factors == sorted(factors, reverse=True)
+    assert factors[0] > 10.0
+    assert factors[-1] == pytest.approx(1.0, abs=1e-2)

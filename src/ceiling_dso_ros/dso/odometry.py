@@ -21,7 +21,7 @@ from ceiling_dso_ros.dso.stage_timer import StageTimer
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses
 from ceiling_dso_ros.dso.tracking_reference import TrackingReference
-from ceiling_dso_ros.dso.uncertainty import noise_gradient2, world_covariance
+from ceiling_dso_ros.dso.uncertainty import map_error, noise_gradient2, world_covariance
 
 MAX_BACKLOG = 6  # frames that the mapping may have before it; further ones are not traced
 # Beside the window's: the frame in work, the initialiser's first frame, one that is about to leave, and the backlog.
@@ -286,13 +286,17 @@ class DirectOdometry:
             state=TrackingState.TRACKING,
             segment=self._segment,
             T_world_camera=self._last_pose,
-            covariance=None if tracked is None else world_covariance(tracked.covariance, frame.T_camera_world),
+            covariance=None if tracked is None else self._covariance(frame, reference, tracked),
             is_keyframe=is_keyframe,
             keyframe_id=reference.keyframe_id,
             T_keyframe_camera=T_keyframe_camera,
             rmse=self._last_rmse,
             **self._common(),
         )
+
+    def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
+        age = reference.keyframe_id - (self._next_keyframe_id + 1)  # the first map has two keyframes
+        return map_error(age) * world_covariance(tracked.covariance, frame.T_camera_world)
 
     def _without_pose(self, frame: Frame, state: TrackingState, message: str) -> OdometryStatus:
         return OdometryStatus(frame.stamp_s, state, self._segment, message=message, **self._common())

@@ -15,7 +15,10 @@ from ceiling_dso_ros.dso.jit import kernel
 
 # Neighbouring points share depth errors, and the pose of the keyframe has an error of its own, so that residuals count
 # for far less than as many independent ones. Measured: simulated drives on three ceilings, 848x480.
-CORRELATION = 15.0
+CORRELATION = 9.0
+# The first map comes from two near views. Until wider ones have corrected it, its error outweighs what the images leave
+# open. Measured likewise: its variance in units of theirs, and in how many keyframes it falls to 1 / e.
+FIRST_MAP, FIRST_MAP_KEYFRAMES = 20.0, 4.0
 # Variance of a central difference of independent noise is half of the noise's, of its bilinear interpolation 4/9 of
 # that, and the noise's at most half of the squared photometric error between two images.
 GRADIENT_NOISE = 0.11
@@ -95,6 +98,11 @@ class Observability:
         """Covariance (6, 6) float64 of (translation, rotation), a left increment on T_frame_reference."""
         known = np.maximum(self.gradients - self.noise, MIN_SHARE * self.noise + 1e-9)
         return CORRELATION * rmse**2 * (self.motions / known) @ self.motions.T
+
+
+def map_error(age: int) -> float:
+    """Factor by which the map's error enlarges the covariance of poses, `age` keyframes after the first map's."""
+    return 1.0 + FIRST_MAP * float(np.exp(-age / FIRST_MAP_KEYFRAMES))
 
 
 def world_covariance(covariance: np.ndarray, T_camera_world: np.ndarray) -> np.ndarray:
