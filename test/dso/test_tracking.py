@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import CAMERA, Surface
 
-from ceiling_dso_ros.dso import se3, tracking
+from ceiling_dso_ros.dso import CameraMotion, se3, tracking
 from ceiling_dso_ros.dso.config import TrackingConfig
 from ceiling_dso_ros.dso.pyramid import PyramidPool, level_intrinsics
 from ceiling_dso_ros.dso.tracking import FrameTracker, motion_hypotheses
@@ -148,11 +148,32 @@ def test_hypotheses():
         hypotheses, (T_step @ T_last, T_step @ T_step @ T_last, half @ T_last, T_last, np.eye(4))
     ):
         np.testing.assert_allclose(ours, expected, atol=1e-12)
-    predicted = list(motion_hypotheses(T_last, T_step, np.linalg.inv(T_other)))
+    certain = CameraMotion(np.linalg.inv(T_other), np.zeros((6, 6)))
+    predicted = list(motion_hypotheses(T_last, T_step, certain))
     np.testing.assert_allclose(predicted[0], T_other @ T_last, atol=1e-12)
     np.testing.assert_array_equal(predicted[1:], hypotheses)
+    unsure = CameraMotion(np.linalg.inv(T_other), np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 0.1**2]))
+    predicted = list(motion_hypotheses(T_last, T_step, unsure))
+    np.testing.assert_array_equal(predicted[1], hypotheses[0])
+    expected = [se3.inverse(T_last_frame) @ T_last for T_last_frame in unsure.alternatives()]
+    np.testing.assert_array_equal(predicted[2:4], expected)
+    np.testing.assert_array_equal(predicted[4:], hypotheses[1:])
     turned = hypotheses[5:]
     assert len(turned) == 26
     angles = np.array([se3.log(T @ np.linalg.inv(T_step @ T_last))[3:] for T in turned])
     assert set(map(tuple, np.sign(np.round(angles, 9)))) == set(itertools.product((0, 1, -1), repeat=3)) - {(0, 0, 0)}
     assert 0.005 < np.abs(angles).max() < 0.1
+
+
+def test_a_prediction_wrong_by_no_more_than_it_says_leads_to_the_frame(pool, reference):
+    T, predicted = (se3.exp(np.array([0.04, 0.0, 0.0, 0.0, 0.0, yaw])) for yaw in (0.5, 0.9))
+    image = SURFACE.render(T, CAMERA, REFERENCE_AFFINE, 1.1)
+
+    def track_with(sigma):
+        prediction = CameraMotion(np.linalg.inv(predicted), np.diag([0.0, 0.0, 0.0, 0.0, 0.0, sigma**2]))
+        return track(pool, reference, image, motion_hypotheses(np.eye(4), np.eye(4), prediction), expected_rmse=3.0)
+
+    found = track_with(sigma=0.2)
+    assert np.abs(se3.log(found.T_frame_reference @ np.linalg.inv(T))).max() < 1e-3
+    too_sure = track_with(sigma=0.0)
+    assert too_sure is None or np.abs(se3.log(too_sure.T_frame_reference @ np.linalg.inv(T))).max() > 0.1

@@ -67,7 +67,7 @@ def test_predicts_the_motion_in_the_unit_of_the_segment():
     known = list(statuses(9.0))
     for status in known:
         playback.add(status)
-    T_last_camera = playback.predicted_motion(known[-1], known[-1].stamp_s + 0.3)
+    T_last_camera = playback.predicted_motion(known[-1], known[-1].stamp_s + 0.3).T_start_end
     np.testing.assert_allclose(T_last_camera[:3, 3], [0.3 * SPEED_M_S / HEIGHT_M, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(T_last_camera[:3, :3], np.eye(3), atol=1e-3)
 

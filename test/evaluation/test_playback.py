@@ -4,6 +4,7 @@ import signal
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.evaluation.playback import Playback
@@ -90,7 +91,7 @@ class Wheels:
     def predicted_motion(self, last, stamp_s):
         T_last_camera = np.eye(4)
         T_last_camera[0, 3] = stamp_s - last.stamp_s
-        return T_last_camera
+        return CameraMotion(T_last_camera, np.zeros((6, 6)))
 
     def add(self, status):
         pass
@@ -115,7 +116,7 @@ def test_the_wheels_predict_the_motion_since_the_last_image_when_asked_to():
     odometry = PredictedOdometry()
     Playback(lambda image: image, odometry, print, Wheels(), predict=True).play(frames(3))
     assert odometry.known[0] == {}
-    assert [known["T_last_camera"][0, 3] for known in odometry.known[1:]] == [1.0, 1.0]
+    assert [known["prediction"].T_start_end[0, 3] for known in odometry.known[1:]] == [1.0, 1.0]
 
     unasked = PredictedOdometry()
     Playback(lambda image: image, unasked, print, Wheels()).play(frames(3))

@@ -48,9 +48,9 @@ class OdometryRun:
         statuses = []
         usable = (frame for frame in frames if isinstance(frame, Frame))
         for frame in itertools.islice(usable, self.first, None, self.every):
-            T_last_camera = fusion.predicted_motion(statuses[-1], frame.stamp_s) if fusion and statuses else None
+            prediction = fusion.predicted_motion(statuses[-1], frame.stamp_s) if fusion and statuses else None
             image = preprocess(frame.image)
-            statuses.append(odometry.track(image, frame.stamp_s, frame.exposure_ms, T_last_camera))
+            statuses.append(odometry.track(image, frame.stamp_s, frame.exposure_ms, prediction))
             if fusion is not None:
                 fusion.add(statuses[-1])
         return tuple(statuses)

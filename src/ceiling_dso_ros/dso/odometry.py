@@ -8,6 +8,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
 from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 from ceiling_dso_ros.dso.initialization import Initializer
@@ -79,7 +80,7 @@ class DirectOdometry:
 
     def track(
         self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float] = None,
-        T_last_camera: Optional[np.ndarray] = None,
+        prediction: Optional[CameraMotion] = None,
     ) -> OdometryStatus:  # fmt: skip
         """Process one image.
 
@@ -87,8 +88,7 @@ class DirectOdometry:
             image: (height, width) float32 or uint8, undistorted and photometrically corrected, grey levels 0..255.
             stamp_s: seconds, larger than the last one's.
             exposure_ms: exposure time, None or not positive when unknown.
-            T_last_camera: (4, 4) pose of this image's camera in the last image's, predicted by other means, translation
-                in the unit of the segment; None when there is no prediction.
+            prediction: motion from the last image to this one, known by other means; None when there are none.
         """
         self._timer = StageTimer()
         with self._timer.stage("pyramid"):
@@ -99,7 +99,7 @@ class DirectOdometry:
                 with self._timer.stage("initialize"):
                     return self._initialize(frame)
             with self._timer.stage("track"):
-                tracked = self._track(frame, T_last_camera)
+                tracked = self._track(frame, prediction)
             if tracked is None:
                 return self._lose(frame, "no motion explains this image")
             if tracked.weakest < self.config.tracking.min_texture:
@@ -171,12 +171,12 @@ class DirectOdometry:
 
     # Tracking
 
-    def _track(self, frame: Frame, T_last_camera: Optional[np.ndarray]) -> Optional[TrackedFrame]:
+    def _track(self, frame: Frame, prediction: Optional[CameraMotion]) -> Optional[TrackedFrame]:
         reference = self._map.reference
         last, previous = (self._map.pose_of(keyframe) @ T for keyframe, T in (self._history[-1], self._history[0]))
         T_last_reference = se3.inverse(reference.T_camera_world @ last)
         T_last_previous = se3.inverse(last) @ previous
-        hypotheses = motion_hypotheses(T_last_reference, T_last_previous, T_last_camera)
+        hypotheses = motion_hypotheses(T_last_reference, T_last_previous, prediction)
         return self._tracker.track(
             frame.image_slot, frame.exposure, reference, hypotheses, self._last_affine, self._last_rmse
         )

@@ -7,6 +7,7 @@ from typing import Iterable, List, Optional, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.dso.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.config import TrackingConfig
 from ceiling_dso_ros.dso.pyramid import PyramidPool, level_intrinsics
 from ceiling_dso_ros.dso.tracking_kernels import align, mean_squared_flow
@@ -49,20 +50,24 @@ class TrackedFrame:
 
 
 def motion_hypotheses(
-    T_last_reference: np.ndarray, T_last_previous: np.ndarray, T_last_frame: Optional[np.ndarray] = None
+    T_last_reference: np.ndarray, T_last_previous: np.ndarray, prediction: Optional[CameraMotion] = None
 ) -> Iterable[np.ndarray]:
     """T_frame_reference to try, likeliest first.
 
     Args:
         T_last_reference: (4, 4) motion from the reference to the last frame.
         T_last_previous: (4, 4) motion from the frame before to the last frame.
-        T_last_frame: (4, 4) pose of the frame in the last frame as somebody predicts it, if anybody does.
+        prediction: motion from the last frame to this one, by other means, if there are any; where that is wrong by no
+            more than it says, one of its alternatives is near.
     """
     velocity = se3.log(T_last_previous)
     constant = T_last_previous @ T_last_reference
-    if T_last_frame is not None:
-        yield se3.inverse(T_last_frame) @ T_last_reference
+    if prediction is not None:
+        yield se3.inverse(prediction.T_start_end) @ T_last_reference
     yield constant
+    if prediction is not None:
+        for T_last_frame in prediction.alternatives():
+            yield se3.inverse(T_last_frame) @ T_last_reference
     yield se3.exp(2.0 * velocity) @ T_last_reference
     yield se3.exp(0.5 * velocity) @ T_last_reference
     yield T_last_reference

@@ -5,7 +5,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import CameraMotion, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
@@ -52,17 +52,15 @@ class FusionPlayback:
         self.estimator.add_keyframes(status)
         self.estimator.add_frame(status)
 
-    def predicted_motion(self, last: OdometryStatus, stamp_s: float) -> Optional[np.ndarray]:
+    def predicted_motion(self, last: OdometryStatus, stamp_s: float) -> Optional[CameraMotion]:
         """How the camera has moved since the last image, which was added, by the wheels up to the next one.
 
-        Returns:
-            T_last_camera (4, 4), translation in the unit of the last image's segment; None when nothing is known.
+        None when nothing is known in the unit of the last image's segment.
         """
         self._play_wheels(stamp_s)
         if last.state is not TrackingState.TRACKING or self.estimator.scale.segment != last.segment:
             return None
-        motion = self.estimator.predict_camera_motion(last.stamp_s, stamp_s)
-        return None if motion is None else motion.T_start_end
+        return self.estimator.predict_camera_motion(last.stamp_s, stamp_s)
 
     def finish(self) -> None:
         """Take in the wheel samples after the last image, and what has waited for more."""

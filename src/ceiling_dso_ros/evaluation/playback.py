@@ -101,7 +101,7 @@ class Playback:
         preprocessed = time.perf_counter()
         known = {}
         if self._predict and self._fusion is not None and self._last is not None:
-            known["T_last_camera"] = self._fusion.predicted_motion(self._last, frame.stamp_s)
+            known["prediction"] = self._fusion.predicted_motion(self._last, frame.stamp_s)
         status = self._odometry.track(image, frame.stamp_s, frame.exposure_ms, **known)
         end = time.perf_counter()
         self._last = status

@@ -13,6 +13,7 @@ from typing import Deque, List, Optional, Tuple, Union
 import numpy as np
 
 from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.dso.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
@@ -20,7 +21,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.graph import GraphEstimate, SmoothedNode
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
-from ceiling_dso_ros.fusion.prediction import CameraMotion, predict_camera_motion
+from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.relative_filter import Sighting
 from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.state import FusedState, ScaleState

@@ -1,10 +1,9 @@
 """How the camera has moved by the wheels: a hypothesis for the tracking of the next image."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.dso.camera_motion import CameraMotion
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
@@ -12,19 +11,6 @@ from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 WOBBLE_M = 0.001  # of the base on its wheels: up and down
 WOBBLE_RAD = 0.002  # roll and pitch
-
-
-@dataclass(frozen=True)
-class CameraMotion:
-    """Motion of the camera between two images.
-
-    Attributes:
-        T_start_end: (4, 4) pose of the camera at the later image seen from the earlier, translation in VO units.
-        covariance: (6, 6) of (translation, rotation), left-multiplied on T_start_end.
-    """
-
-    T_start_end: np.ndarray
-    covariance: np.ndarray
 
 
 def predict_camera_motion(

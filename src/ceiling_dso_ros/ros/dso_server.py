@@ -225,7 +225,7 @@ class DsoServer:
         exposure_ms = self._exposures.at(stamp_ns, timeout_s)
         known = {}
         if self._predictions is not None and last_stamp is not None:
-            known["T_last_camera"] = self._predictions.between(last_stamp, message.header.stamp, self._status.segment)
+            known["prediction"] = self._predictions.between(last_stamp, message.header.stamp, self._status.segment)
         status = self._odometry.track(image, seconds(stamp_ns), exposure_ms, **known)
         if self._keep:
             self._recorder.add(status)

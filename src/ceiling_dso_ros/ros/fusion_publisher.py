@@ -7,7 +7,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.fusion.prediction import CameraMotion
+from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.fusion.state import FusedState, FusionState, ScaleState
 from ceiling_dso_ros.msg import FusionScale, FusionStatus, MotionPrediction
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time

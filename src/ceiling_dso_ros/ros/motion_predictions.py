@@ -5,7 +5,7 @@ from typing import Optional
 import numpy as np
 import rospy
 
-from ceiling_dso_ros.dso import se3
+from ceiling_dso_ros.dso import CameraMotion, se3
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import MotionPrediction
 from ceiling_dso_ros.ros.conversions import matrix_from_pose
@@ -24,16 +24,19 @@ class MotionPredictions:
         """Take in a message."""
         self._newest = message
 
-    def between(self, start: rospy.Time, end: rospy.Time, segment: int) -> Optional[np.ndarray]:
-        """T_start_end (4, 4) of the camera between two images, VO units of a segment; None when nothing is known."""
+    def between(self, start: rospy.Time, end: rospy.Time, segment: int) -> Optional[CameraMotion]:
+        """Motion of the camera between two images, in the unit of a segment; None when nothing is known."""
         message = self._newest
         if message is None or message.start != start or message.segment != segment:
             return None
         return stretched(message, seconds(end.to_nsec()))
 
 
-def stretched(message: MotionPrediction, end_s: float) -> Optional[np.ndarray]:
-    """The predicted motion up to another end, with constant velocity; None for garbage or an end too far away."""
+def stretched(message: MotionPrediction, end_s: float) -> Optional[CameraMotion]:
+    """The predicted motion up to another end, with constant velocity; None for garbage or an end too far away.
+
+    Its error grows likewise, as that of a velocity does.
+    """
     start_s, predicted_s = seconds(message.start.to_nsec()), seconds(message.header.stamp.to_nsec())
     if not start_s < predicted_s or not 0.0 < end_s - start_s <= LONGEST_STRETCH * (predicted_s - start_s):
         return None
@@ -41,4 +44,8 @@ def stretched(message: MotionPrediction, end_s: float) -> Optional[np.ndarray]:
         T_start_predicted = matrix_from_pose(message.motion)
     except ValueError:
         return None
-    return se3.exp((end_s - start_s) / (predicted_s - start_s) * se3.log(T_start_predicted))
+    covariance = np.reshape(message.covariance, (6, 6))
+    if not np.isfinite(covariance).all():
+        return None
+    stretch = (end_s - start_s) / (predicted_s - start_s)
+    return CameraMotion(se3.exp(stretch * se3.log(T_start_predicted)), stretch**2 * covariance)
