@@ -187,7 +187,7 @@ def test_garbage_is_a_loss_and_then_a_new_segment_starts(images, kind):
     assert bad.T_world_camera is None
     assert bad.message
     after = run(odometry, images[25:], first=26)
-    assert after[0].state is TrackingState.INITIALIZING
+    assert after[0].state is TrackingState.RECOVERING
     assert after[-1].state is TrackingState.TRACKING
     assert {status.segment for status in (*before, bad)} == {0}
     assert {status.segment for status in after} == {1}

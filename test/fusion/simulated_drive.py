@@ -194,7 +194,8 @@ class VisualSimulator:
         T_step = self.relative(T_true)
         far = np.linalg.norm(T_step[:3, 3]) > 0.01 or abs(T_step[1, 0]) > 0.04
         if self.pending is not None and not far:
-            self.statuses.append(OdometryStatus(stamp, TrackingState.INITIALIZING, self.segment))
+            state = TrackingState.INITIALIZING if self.segment == 0 else TrackingState.RECOVERING
+            self.statuses.append(OdometryStatus(stamp, state, self.segment))
             return False
         is_keyframe = far and (self.pending is not None or frames_since >= KEYFRAME_FRAMES)
         self.pending = None

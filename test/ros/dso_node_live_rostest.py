@@ -149,9 +149,14 @@ class DsoNodeLive(unittest.TestCase):
         self.listener.wait_for_level("dso_node", OK)
 
     def test_covered_lens(self):
+        first = len(self.statuses)
         self.camera.pixels = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
         try:
             wait_until(lambda: self.listener.level("dso_node") in (WARN, ERROR), "nobody notices")
+            wait_until(
+                lambda: any(s.state == VisualOdometryStatus.RECOVERING and s.segment for s in self.statuses[first:]),
+                "it does not recover in a new segment",
+            )
         finally:
             self.camera.pixels = None
         self.listener.wait_for_level("dso_node", OK)

@@ -128,7 +128,7 @@ class DirectOdometry:
             return self._start_from(frame, "the first frame led to no map: starting from this one")
         if first_map is None:
             self._pool.release(frame.image_slot)
-            return self._without_pose(frame, TrackingState.INITIALIZING, "waiting for parallax")
+            return self._without_map(frame, "waiting for parallax")
         first_id = self._mapper.next_id
         self._mapper.begin(self._first, first_map)
         affine = np.array([first_map.log_gain - np.log(frame.exposure / self._first.exposure), first_map.offset])
@@ -159,13 +159,12 @@ class DirectOdometry:
     def _start_from(self, frame: Frame, message: str) -> OdometryStatus:
         self._initializer.start(frame.image_slot, self._selector)
         self._first = replace(frame, T_camera_world=se3.inverse(self._last_pose))
-        return self._without_pose(frame, TrackingState.INITIALIZING, message)
+        return self._without_map(frame, message)
 
     def _reject_map(self, frame: Frame, reason: str) -> OdometryStatus:
         """Try again with the next image as the first one: no pose has been given yet."""
         self._news = []
-        message = f"the first map {reason}: starting again"
-        status = self._without_pose(frame, TrackingState.INITIALIZING, message)
+        status = self._without_map(frame, f"the first map {reason}: starting again")
         self._abandon_map()
         return status
 
@@ -297,6 +296,10 @@ class DirectOdometry:
     def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
         age = reference.keyframe_id - (self._next_keyframe_id + 1)  # the first map has two keyframes
         return map_error(age) * world_covariance(tracked.covariance, frame.T_camera_world)
+
+    def _without_map(self, frame: Frame, message: str) -> OdometryStatus:
+        state = TrackingState.INITIALIZING if self._segment == 0 else TrackingState.RECOVERING
+        return self._without_pose(frame, state, message)
 
     def _without_pose(self, frame: Frame, state: TrackingState, message: str) -> OdometryStatus:
         return OdometryStatus(frame.stamp_s, state, self._segment, message=message, **self._common())

@@ -15,6 +15,7 @@ class TrackingState(enum.Enum):
     INITIALIZING = "initializing"  # collecting parallax for a first map: no pose yet
     TRACKING = "tracking"  # the pose is valid
     LOST = "lost"  # this frame could not be tracked; the next one starts a new segment
+    RECOVERING = "recovering"  # collecting parallax for the first map of a new segment: no pose yet
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ STATES = {
     TrackingState.INITIALIZING: VisualOdometryStatus.INITIALIZING,
     TrackingState.TRACKING: VisualOdometryStatus.TRACKING,
     TrackingState.LOST: VisualOdometryStatus.LOST,
+    TrackingState.RECOVERING: VisualOdometryStatus.RECOVERING,
 }
 
 

@@ -42,6 +42,7 @@ STATE_NAMES = {
     VisualOdometryStatus.INITIALIZING: "initializing",
     VisualOdometryStatus.TRACKING: "tracking",
     VisualOdometryStatus.LOST: "lost",
+    VisualOdometryStatus.RECOVERING: "recovering",
 }
 
 AnyImage = Union[Image, CompressedImage]
