@@ -21,6 +21,7 @@ from support.rendered import RenderedDrives
 from support.table import Row, report
 from support.tracked_drives import DATA, TrackedDrives
 from support.tracked_run import TrackedRun
+from support.uncovered import uncovered
 
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.evaluation.report import evaluate_trajectory
@@ -150,7 +151,7 @@ def covariance(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 
 
 PARTS: Dict[str, Callable[[TrackedDrives, int], Iterator[Row]]] = {
-    part.__name__: part for part in (recordings, starts, seeds, rates, events, covariance, long, ablation)
+    part.__name__: part for part in (recordings, starts, seeds, rates, events, uncovered, covariance, long, ablation)
 }
 
 

@@ -5,6 +5,7 @@ import json
 import accuracy
 import numpy as np
 import pytest
+from support import uncovered
 from support.drives import Kept, OdometryRun
 from support.rendered import RenderedDrives
 from support.table import Row
@@ -93,6 +94,25 @@ def test_a_covered_lens_is_told_and_got_over(drive):
     assert run.tracking_within(START_S + 2.0, cover[0]) > 50
     assert run.motion_without_pose_s(*cover) < accuracy.RECOVERY_S
     assert run.final_ate_percent < 0.5  # the second map is as good as the first
+
+
+@pytest.mark.long
+def test_starts_while_a_cover_slides_off(tracked):
+    drive = tracked.rendered.drive(SimulationConfig("square", duration_s=10.0, camera=SMALL))
+    runs = list(uncovered.starts_under_cover(drive))
+    assert len(runs) == 3
+    assert all(run.first_pose > uncovered.SLIDING for run in runs)
+    assert [run.lost for run in runs] == [0, 0, 0]
+    assert max(run.final_ate_percent for run in runs) < 1.0
+
+
+def test_a_cover_slides_off_to_the_right():
+    image = np.full((4, 100), 100.0)
+    assert (uncovered.covered(image, 0.0) == uncovered.COVER_GREY).all()
+    assert (uncovered.covered(image, uncovered.SLIDING) == 100.0).all()
+    half = uncovered.covered(image, uncovered.SLIDING / 2)
+    assert (half[:, :45] == 100.0).all()
+    assert (half[:, 55:] == uncovered.COVER_GREY).all()
 
 
 def test_what_was_rendered_and_tracked_is_kept(tracked):

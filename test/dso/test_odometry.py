@@ -224,6 +224,23 @@ def test_a_broken_first_image_does_not_spoil_the_flight(images):
     assert run(odometry, images, first=1)[-1].state is TrackingState.TRACKING
 
 
+@pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
+def test_a_map_begins_when_the_cover_has_slid_off_the_lens(images, phase):
+    """Made of images with the cover's edge, which is blurred, it would be wrong for as long as the segment lasts."""
+    sliding, blur = 6, 0.04
+    u = np.linspace(0.0, 1.0, CAMERA.width)
+
+    def seen(k):
+        visible = np.clip(((k + phase) / sliding * (1.0 + 2.0 * blur) - blur - u) / blur + 0.5, 0.0, 1.0)
+        return (images[k] * visible + 2.0 * (1.0 - visible)).astype(np.float32)
+
+    statuses = run(DirectOdometry(CAMERA, CONFIG), [seen(k) for k in range(len(images))])
+    begun = next(status for status in statuses if status.keyframes)
+    assert begun.keyframes[0].stamp_s >= (sliding - 1) / 30.0
+    assert begun.stamp_s < 1.0
+    assert ate(statuses, [pose(k) for k in range(len(images))]) < 0.005
+
+
 def with_setting(part, **values):
     return replace(CONFIG, **{part: replace(getattr(CONFIG, part), **values)})
 

@@ -9,13 +9,14 @@ import numpy as np
 from ceiling_dso_ros.dso import se3
 from ceiling_dso_ros.dso.candidates import CandidateTable
 from ceiling_dso_ros.dso.config import InitializationConfig
+from ceiling_dso_ros.dso.gradient_cells import TEXTURE_LEVEL, strongest_per_cell, textured_share
 from ceiling_dso_ros.dso.initialization_kernels import align_level, smooth
 from ceiling_dso_ros.dso.linear_solver import solve_positive
 from ceiling_dso_ros.dso.linearization import scratch_memory
 from ceiling_dso_ros.dso.neighbourhood import nearest_neighbours
 from ceiling_dso_ros.dso.points import OUTLIER, PointArrays, ResidualArrays, point_arrays, residual_arrays
 from ceiling_dso_ros.dso.pyramid import PyramidPool, level_intrinsics
-from ceiling_dso_ros.dso.selection import BORDER, PixelSelector, SelectedPixels, squared_gradient
+from ceiling_dso_ros.dso.selection import PixelSelector, SelectedPixels, squared_gradient
 
 NEIGHBOURS = 10
 OWN_SHARE = 0.2  # of a point's own inverse depth when it is smoothed with its neighbours'
@@ -27,6 +28,8 @@ MIN_POINTS = 100  # with depth, that a map needs
 MIN_IN_VIEW = 0.4  # share of the first frame's points
 MAX_BRIGHTNESS_CHANGE = 1.2  # |ln gain| beyond the exposures'
 MAX_MISFITS = 0.01  # share of the first frame's points that may fit nowhere, besides as many as have left the view
+# Share of the image with texture that the first frame did not show: in the next frame, and in later ones.
+MAX_NEW_TEXTURE_AT_ONCE, MAX_NEW_TEXTURE = 0.02, 0.1
 MAX_RMSE_GROWTH = 1.5  # from one frame to the next; more says that the depths have run away
 
 
@@ -66,18 +69,6 @@ class FirstMap:
     idepth: np.ndarray
     log_gain: float
     offset: float
-
-
-def strongest_per_cell(gradient2: np.ndarray, width: int, height: int, density: float) -> SelectedPixels:
-    """The pixel of largest gradient of every cell, with cells such that about this share of all pixels is taken."""
-    cell = max(1, round(1.0 / np.sqrt(density)))
-    image = gradient2.reshape(height, width)[BORDER : height - BORDER, BORDER : width - BORDER]
-    rows, columns = image.shape[0] // cell, image.shape[1] // cell
-    cells = image[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell).swapaxes(1, 2)
-    best = cells.reshape(rows, columns, cell * cell).argmax(axis=2)
-    v = (np.arange(rows)[:, None] * cell + best // cell + BORDER).ravel()
-    u = (np.arange(columns)[None, :] * cell + best % cell + BORDER).ravel()
-    return SelectedPixels(u.astype(np.float32), v.astype(np.float32), np.ones(u.size, np.float32))
 
 
 def dual_motion(T_frame_first: np.ndarray, plane: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
@@ -138,7 +129,8 @@ class Initializer:
         largest = max(level.count for level in self._levels)
         self._scratch = scratch_memory(1, largest)
         self._T, self._T_before = np.eye(4), np.eye(4)
-        self._light = np.zeros(2)
+        self._light, self._expected_light = np.zeros(2), np.zeros(2)
+        self._first_textured = self._textured(image_slot)
         self._snapped = False
         self._frames_since_snap = 0
         self._frames = 0
@@ -151,6 +143,9 @@ class Initializer:
             exposure_ratio: exposure of the frame over that of the first one, 1 when unknown.
         """
         self._frames += 1
+        if self._shows_more(image_slot):
+            self.rmse = np.inf
+            return None
         self._expected_light = np.array([np.log(exposure_ratio), 0.0])
         expected = se3.orthonormalized(self._T @ se3.inverse(self._T_before) @ self._T)  # it goes on as it did
         self._T_before, last_rmse = self._T, self.rmse
@@ -168,6 +163,17 @@ class Initializer:
             self.rmse = np.inf
             return None
         return self._first_map()
+
+    def _shows_more(self, image_slot: int) -> bool:
+        """Whether a frame has texture where the first one had none, as when a cover slides off the lens.
+
+        Its edge is no part of the scene, and in a narrow view a turn looks like a way.
+        """
+        at_most = MAX_NEW_TEXTURE if self._frames > 1 else MAX_NEW_TEXTURE_AT_ONCE
+        return self._textured(image_slot) > self._first_textured + at_most
+
+    def _textured(self, image_slot: int) -> float:
+        return textured_share(self._pool.level(image_slot, TEXTURE_LEVEL), *self._pool.shape.sizes[TEXTURE_LEVEL])
 
     def _align_flat(self, image_slot: int, expected: np.ndarray) -> None:
         """Align a frame as if the scene were a plane that is faced: little can go wrong with so few unknowns."""
