@@ -15,16 +15,17 @@ from typing import Callable, Dict, Iterator, List
 
 import numpy as np
 from support.ablation import ablation
-from support.drives import Kept, OdometryRun, is_missing
+from support.checkout import DATA
 from support.endurance import long
-from support.rendered import RenderedDrives
 from support.table import Row, report
-from support.tracked_drives import DATA, TrackedDrives
-from support.tracked_run import TrackedRun
 from support.uncovered import uncovered
 
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.evaluation.report import evaluate_trajectory
+from ceiling_dso_ros.experiments.kept_runs import Kept, OdometryRun, is_missing
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrives
+from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
+from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
@@ -167,7 +168,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.fresh:
         shutil.rmtree(options.out / "tracked", ignore_errors=True)
-    tracked = TrackedDrives(RenderedDrives(options.out / "drives"), Kept(options.out / "tracked"))
+    tracked = TrackedDrives(RenderedDrives(options.out / "drives"), Kept(options.out / "tracked"), DATA)
     options.out.mkdir(parents=True, exist_ok=True)
     rows: List[Row] = []
     for name in options.only:

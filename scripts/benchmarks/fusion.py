@@ -6,7 +6,6 @@ Tracking the images takes most of an hour the first time; what the odometry said
 """
 
 import argparse
-import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +14,12 @@ from typing import Callable, Dict, Iterator, List
 import numpy as np
 from scipy.spatial.transform import Rotation
 from support import fusion_simulated
-from support.drives import Kept, Statuses, is_missing
-from support.fused_run import FusedRun
+from support.checkout import DATA
 from support.table import Row, report
 
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
-from ceiling_dso_ros.evaluation.fusing import robot_model
+from ceiling_dso_ros.experiments.fused_run import FusedRun
+from ceiling_dso_ros.experiments.kept_runs import Kept, Statuses, is_missing
 from ceiling_dso_ros.fusion.calibration import Calibration, calibrate
 from ceiling_dso_ros.fusion.calibration_data import camera_poses
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
@@ -29,14 +28,13 @@ from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.playback.fusion_playback import robot_model
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import Event
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.robot import WheelErrors
 from ceiling_dso_ros.simulation.simulation import START_NS
 
-CHECKOUT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "data"))
 START_S = START_NS * 1e-9
 WHEELS = WheelErrors(radius=0.0, ratio=0.01, wheel_base=0.01, travel_noise_m=0.002)
 REPORT_MARGIN_S = 0.5  # a report within so much of a slip is of that slip

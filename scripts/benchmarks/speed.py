@@ -20,19 +20,18 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
-from support.drives import is_missing
+from support.checkout import CHECKOUT, DATA
 from support.growth import USUAL, describe, measure_growth, write_figure
 from support.node_latency import play
-from support.rendered import RenderedDrive, RenderedDrives
 from support.ros_processes import ros_environment
 from support.table import Row, report
 
+from ceiling_dso_ros.experiments.kept_runs import is_missing
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrive, RenderedDrives
 from ceiling_dso_ros.simulation.bag import files_beside
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
-CHECKOUT = Path(__file__).resolve().parents[2]
 BOUNDS = Path(__file__).parent / "support" / "bounds.py"
-DATA = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "data"))
 RECORDINGS = ("ceiling_loops", "tum_fr1_xyz")
 LIMITS = {"all": 3.6, "keyframes": 12.0, "others": 1.3}  # a third of the C++ reference's times
 LIMITS_AVX2 = {"all": 5.5}
@@ -41,7 +40,7 @@ SPEED_FACTORS = {15: 2.0, 7: 4.0}  # at least, by keyframes in the window: possi
 LATENCY_MS = {"median": (50.0, 15.0), "p95": (95.0, 40.0)}  # percentile and limit
 DROPPED_PERCENT = 1.0
 DRIVE = SimulationConfig("loops", "factory")
-UNIT = "from ceiling_dso_ros.evaluation.machine_speed import machine_ms; print(machine_ms())"
+UNIT = "from ceiling_dso_ros.playback.machine_speed import machine_ms; print(machine_ms())"
 
 
 def avx2_environment() -> Dict[str, str]:

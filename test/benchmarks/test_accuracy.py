@@ -6,11 +6,11 @@ import accuracy
 import numpy as np
 import pytest
 from support import uncovered
-from support.drives import Kept, OdometryRun
-from support.rendered import RenderedDrives
 from support.table import Row
-from support.tracked_drives import TrackedDrives
 
+from ceiling_dso_ros.experiments.kept_runs import Kept, OdometryRun
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrives
+from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
@@ -23,7 +23,7 @@ START_S = START_NS * 1e-9
 @pytest.fixture(scope="module")
 def tracked(tmp_path_factory):
     folder = tmp_path_factory.mktemp("accuracy")
-    return TrackedDrives(RenderedDrives(folder / "drives"), Kept(folder / "tracked"))
+    return TrackedDrives(RenderedDrives(folder / "drives"), Kept(folder / "tracked"), folder)
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from ceiling_dso_ros.dso import (
     tracing_kernels,
     tracking_kernels,
 )
-from ceiling_dso_ros.dso.pair_geometry import pair_geometry
-from ceiling_dso_ros.dso.window import KeyframeArrays
+from ceiling_dso_ros.dso.window.keyframe_window import KeyframeArrays
+from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry
 
 USERS = {
     "HUBER": (pattern, activation_kernels, residual_kernels, tracing_kernels, tracking_kernels),

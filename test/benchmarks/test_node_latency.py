@@ -5,10 +5,10 @@ import os
 import pytest
 from support import ros_processes
 from support.node_latency import Heard, play
-from support.rendered import RenderedDrives
 from support.ros_processes import ros_environment, running
 from support.table import Row
 
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrives
 from ceiling_dso_ros.simulation.bag import files_beside
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig

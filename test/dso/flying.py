@@ -3,8 +3,9 @@
 import numpy as np
 from synthetic import SHARP, Surface
 
-from ceiling_dso_ros.dso import OdometryConfig, TrackingState, se3
+from ceiling_dso_ros.dso import OdometryConfig, TrackingState
 from ceiling_dso_ros.dso.config import WindowConfig
+from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
 
 FRAMES = 60

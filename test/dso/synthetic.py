@@ -5,14 +5,14 @@ from typing import Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import se3
-from ceiling_dso_ros.dso.camera import PinholeCamera
-from ceiling_dso_ros.dso.candidates import CandidateTable
+from ceiling_dso_ros.dso.adjustment.linearization import Linearization
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
-from ceiling_dso_ros.dso.linearization import Linearization
-from ceiling_dso_ros.dso.pyramid import PyramidPool
-from ceiling_dso_ros.dso.selection import SelectedPixels
-from ceiling_dso_ros.dso.window import KeyframeWindow
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool
+from ceiling_dso_ros.dso.images.selection import SelectedPixels
+from ceiling_dso_ros.dso.window.candidates import CandidateTable
+from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
 
 CAMERA = PinholeCamera(200.0, 205.0, 160.0, 118.0, 320, 240)
 SMALL_CAMERA = PinholeCamera(100.0, 102.5, 79.5, 58.5, 160, 120)

@@ -11,8 +11,9 @@ import pytest
 from flying import CONFIG, FRAMES, ate, pose, run, tracking
 from synthetic import CAMERA, SHARP, Surface
 
-from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, PinholeCamera, TrackingState, se3
+from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, PinholeCamera, TrackingState
 from ceiling_dso_ros.dso.config import WindowConfig
+from ceiling_dso_ros.dso.geometry import se3
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from flying import CONFIG, FRAMES, ate, pose, run, tracking
 from synthetic import CAMERA
 
 from ceiling_dso_ros.dso import DirectOdometry, HostedPoints, TrackingState
-from ceiling_dso_ros.dso.schedulers import LiveScheduler, SequentialScheduler
+from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 
 
 class HeldScheduler(LiveScheduler):

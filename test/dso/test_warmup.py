@@ -21,6 +21,8 @@ def cache(tmp_path, monkeypatch):
     """A cache folder in which nothing is complete, and kernels that are loaded at once."""
     monkeypatch.setattr(warmup, "_marker", lambda: tmp_path / f"kernels.{warmup._python_tag()}.today")
     monkeypatch.setattr(warmup, "warm_up", lambda: warmup.KEYFRAMES)
+    monkeypatch.setattr(warmup, "cache_folders", lambda: {tmp_path / "room"})
+    (tmp_path / "room").mkdir()
     return tmp_path
 
 
@@ -28,8 +30,10 @@ def test_what_is_outdated_is_removed_and_what_is_complete_stays(cache):
     ours = [f"a.f-1.{warmup._python_tag()}.{end}" for end in ("nbi", "1.nbc")]
     for name in (*ours, f"kernels.{warmup._python_tag()}.yesterday", "a.f-1.py27.nbi", "a.pyc"):
         (cache / name).touch()
+    (cache / "room" / ours[1]).touch()
     assert warmup.main() == 0
-    left = {f"kernels.{warmup._python_tag()}.today", "a.f-1.py27.nbi", "a.pyc"}
+    assert not list((cache / "room").iterdir())
+    left = {"room", f"kernels.{warmup._python_tag()}.today", "a.f-1.py27.nbi", "a.pyc"}
     assert {path.name for path in cache.iterdir()} == left
     (cache / ours[0]).touch()
     assert warmup.main() == 0

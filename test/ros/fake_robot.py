@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from ceiling_dso_ros.dso.map_snapshot import MapPoints
+from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.msg import FusionScale, FusionStatus, Keyframe, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import pose_from_matrix

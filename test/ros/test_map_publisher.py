@@ -7,7 +7,7 @@ pytestmark = pytest.mark.ros
 from std_msgs.msg import Header  # noqa: E402
 
 from ceiling_dso_ros.dso import OdometryStatus, PinholeCamera, TrackingState  # noqa: E402
-from ceiling_dso_ros.dso.map_snapshot import MapPoints  # noqa: E402
+from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints  # noqa: E402
 from ceiling_dso_ros.ros.map_publisher import draw_points, point_cloud  # noqa: E402
 
 CAMERA = PinholeCamera(50.0, 50.0, 63.5, 47.5, 128, 96)

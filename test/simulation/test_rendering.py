@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.simulation.geometry import quad
 from ceiling_dso_ros.simulation.materials import Material
 from ceiling_dso_ros.simulation.rendering import LENS_BLUR_PX, SAMPLE_TIMES, SAMPLES, TEXTURE_SAMPLES, Renderer

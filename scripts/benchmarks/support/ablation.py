@@ -9,13 +9,14 @@ import sys
 from pathlib import Path
 from typing import Dict, Iterator, List, Sequence, Tuple
 
-from support.drives import Kept, OdometryRun, is_missing
+from support.checkout import DATA
 from support.method_changes import CHANGES
-from support.rendered import RenderedDrives
 from support.table import Row
-from support.tracked_drives import DATA, TrackedDrives
-from support.tracked_run import TrackedRun
 
+from ceiling_dso_ros.experiments.kept_runs import Kept, OdometryRun, is_missing
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrives
+from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
+from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.settings import load_settings
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
@@ -90,7 +91,7 @@ def main() -> None:
     """Change the method and track."""
     change, drives, kept, seeds, *recordings = sys.argv[1:]
     CHANGES[change]()
-    tracked = TrackedDrives(RenderedDrives(Path(drives)), Kept(Path(kept)))
+    tracked = TrackedDrives(RenderedDrives(Path(drives)), Kept(Path(kept)), DATA)
     _runs(tracked, recordings, int(seeds), OdometryRun(), f" {change}")
 
 

@@ -18,12 +18,12 @@ import numpy as np
 from tabulate import tabulate
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
-from ceiling_dso_ros.dso.linearization import Linearization
-from ceiling_dso_ros.dso.pattern import PATTERN_SIZE
-from ceiling_dso_ros.dso.points import RELATIVE_PARAMETERS
-from ceiling_dso_ros.dso.pyramid import PyramidPool
-from ceiling_dso_ros.dso.tracking_kernels import accumulate
-from ceiling_dso_ros.dso.window import INTRINSICS, KeyframeWindow
+from ceiling_dso_ros.dso.adjustment.linearization import Linearization
+from ceiling_dso_ros.dso.images.pattern import PATTERN_SIZE
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool
+from ceiling_dso_ros.dso.tracking.tracking_kernels import accumulate
+from ceiling_dso_ros.dso.window.keyframe_window import INTRINSICS, KeyframeWindow
+from ceiling_dso_ros.dso.window.points import RELATIVE_PARAMETERS
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 

@@ -12,13 +12,13 @@ from typing import Dict, Iterator, List
 import numpy as np
 from support.memory import resident_mb
 from support.table import Row
-from support.tracked_drives import TrackedDrives
 from tqdm import tqdm
 
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
-from ceiling_dso_ros.evaluation.machine_speed import machine_ms
+from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, Recording
+from ceiling_dso_ros.playback.machine_speed import machine_ms
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
 MINUTES = 30

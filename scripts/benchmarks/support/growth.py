@@ -10,10 +10,10 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from support.rendered import RenderedDrives
 from tabulate import tabulate
 
 from ceiling_dso_ros.dso.config import WindowConfig
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrives
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
 DURATION_S = 20.0

@@ -10,10 +10,12 @@ from typing import Callable, Dict
 import numpy as np
 
 from ceiling_dso_ros import dso
-from ceiling_dso_ros.dso import initialization, linearization, tracking_kernels
+from ceiling_dso_ros.dso.adjustment import linearization
 from ceiling_dso_ros.dso.config import TrackingConfig
-from ceiling_dso_ros.dso.pair_geometry import PairGeometry, pair_geometry
-from ceiling_dso_ros.dso.window import KeyframeArrays
+from ceiling_dso_ros.dso.start import initializer as initialization
+from ceiling_dso_ros.dso.tracking import tracking_kernels
+from ceiling_dso_ros.dso.window.keyframe_window import KeyframeArrays
+from ceiling_dso_ros.dso.window.pair_geometry import PairGeometry, pair_geometry
 
 
 def without_huber() -> None:

@@ -9,7 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Dict, Iterator, Optional, Sequence, TextIO
 
-SETUP = Path(__file__).resolve().parents[3] / ".ws" / "devel" / "setup.bash"
+from support.checkout import CHECKOUT
+
+SETUP = CHECKOUT / ".ws" / "devel" / "setup.bash"
 TOOLS = ("roslaunch", "rosbag")
 SETUP_TIMEOUT_S = 60.0
 END_TIMEOUT_S = 120.0  # roslaunch gives each of its nodes 17 s

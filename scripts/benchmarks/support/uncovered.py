@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import Iterator, List
 
 import numpy as np
-from support.rendered import RenderedDrive
 from support.table import Row
-from support.tracked_drives import TrackedDrives
-from support.tracked_run import TrackedRun
 from tqdm import tqdm
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus
+from ceiling_dso_ros.experiments.rendered_drives import RenderedDrive
+from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
+from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame
 from ceiling_dso_ros.simulation.config import SimulationConfig

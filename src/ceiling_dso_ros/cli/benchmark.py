@@ -51,8 +51,8 @@ def execute(options: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso.warmup import load_kernels
-    from ceiling_dso_ros.evaluation.benchmark import read_reference
     from ceiling_dso_ros.io.opening import open_recording
+    from ceiling_dso_ros.playback.benchmark import read_reference
     from ceiling_dso_ros.settings import load_settings
 
     if options.repeats < 1:
@@ -80,9 +80,9 @@ def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, ref
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import DirectOdometry
-    from ceiling_dso_ros.evaluation.benchmark import describe, run_once, summarize
-    from ceiling_dso_ros.evaluation.playback import Playback
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+    from ceiling_dso_ros.playback.benchmark import describe, run_once, summarize
+    from ceiling_dso_ros.playback.playback import Playback
 
     runs = []
     for _ in tqdm(range(repeats), unit="pass", disable=None):
@@ -101,11 +101,11 @@ def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float)
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus
-    from ceiling_dso_ros.dso.schedulers import LiveScheduler
-    from ceiling_dso_ros.dso.stage_timer import StageTimer
-    from ceiling_dso_ros.evaluation.live_benchmark import describe, play_live
+    from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler
+    from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.io.recording import Frame, SkippedFrame
+    from ceiling_dso_ros.playback.live_benchmark import describe, play_live
 
     frames = []
     for frame in recording.frames():

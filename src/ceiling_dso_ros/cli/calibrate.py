@@ -37,13 +37,13 @@ def execute(options: argparse.Namespace) -> None:
         OutputError: the result cannot be written.
     """
     from ceiling_dso_ros.dso.config import ConfigError
-    from ceiling_dso_ros.evaluation.fusing import robot_model
     from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
     from ceiling_dso_ros.fusion.calibration_data import camera_poses
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
     from ceiling_dso_ros.io.opening import open_recording
     from ceiling_dso_ros.io.recording import TopicNames
+    from ceiling_dso_ros.playback.fusion_playback import robot_model
 
     topics = TopicNames() if options.image_topic is None else TopicNames(image=options.image_topic)
     recording = open_recording(options.input, topics, camera_file=options.camera, robot_file=options.robot)

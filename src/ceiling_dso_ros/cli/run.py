@@ -10,9 +10,9 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import was_interrupt
 
 if TYPE_CHECKING:
-    from ceiling_dso_ros.evaluation.fusing import FusionPlayback
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 
 FUSION_PREFIX = "fusion."  # of the fusion's settings among all
 
@@ -63,9 +63,9 @@ def execute(options: argparse.Namespace) -> None:
 
     from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.dso.warmup import load_kernels
-    from ceiling_dso_ros.evaluation.playback import Playback
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+    from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, write_settings
 
     of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
@@ -123,7 +123,7 @@ def _open_recording(options: argparse.Namespace) -> "Recording":
 def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionPlayback"]:
     """None where there is nothing to fuse; a wrong robot.yaml shall be known before the run, not after it."""
     from ceiling_dso_ros.dso.config import ConfigError
-    from ceiling_dso_ros.evaluation.fusing import FusionPlayback, robot_model
+    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
 
     robot, wheels = recording.robot, recording.wheels
     if wheels is None:

@@ -1,11 +1,11 @@
 """Direct Sparse Odometry in numpy and numba. Knows nothing of ROS, files or wheels."""
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
-from ceiling_dso_ros.dso.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
-from ceiling_dso_ros.dso.hosted_points import HostedPoints
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 
 __all__ = [
     "CameraMotion",

@@ -6,23 +6,23 @@ from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import se3
-from ceiling_dso_ros.dso.camera import PinholeCamera
-from ceiling_dso_ros.dso.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
+from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
-from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
-from ceiling_dso_ros.dso.initialization import Initializer
-from ceiling_dso_ros.dso.keyframe_policy import needs_keyframe
-from ceiling_dso_ros.dso.map_snapshot import MapSnapshot
-from ceiling_dso_ros.dso.mapping import Frame, Mapper, WindowLostError
-from ceiling_dso_ros.dso.pyramid import PyramidPool, PyramidShape
-from ceiling_dso_ros.dso.schedulers import SequentialScheduler
-from ceiling_dso_ros.dso.selection import PixelSelector
-from ceiling_dso_ros.dso.stage_timer import StageTimer
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool, PyramidShape
+from ceiling_dso_ros.dso.images.selection import PixelSelector
+from ceiling_dso_ros.dso.mapping.keyframe_policy import needs_keyframe
+from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
+from ceiling_dso_ros.dso.mapping.mapper import Frame, Mapper, WindowLostError
+from ceiling_dso_ros.dso.start.initializer import Initializer
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
-from ceiling_dso_ros.dso.tracking import FrameTracker, TrackedFrame, motion_hypotheses
-from ceiling_dso_ros.dso.tracking_reference import TrackingReference
-from ceiling_dso_ros.dso.uncertainty import map_error, noise_gradient2, world_covariance
+from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker, TrackedFrame, motion_hypotheses
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.tracking.uncertainty import map_error, noise_gradient2, world_covariance
+from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS, HostedPoints
 
 MAX_BACKLOG = 6  # frames that the mapping may have before it; further ones are not traced
 # Beside the window's: the frame in work, the initialiser's first frame, one that is about to leave, and the backlog.

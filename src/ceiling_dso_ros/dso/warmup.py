@@ -17,9 +17,10 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.compute.jit import cache_folders
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
-from ceiling_dso_ros.dso.interpolation import sample
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.images.interpolation import sample
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 
 MAX_FRAMES = 80
@@ -71,7 +72,7 @@ def _marker() -> Optional[Path]:
     if folder is None:
         return None
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(path.read_bytes())
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
     for text in (sys.version, numba.__version__, llvm.get_host_cpu_name(), features):
@@ -94,8 +95,9 @@ def main() -> int:
     start = time.perf_counter()
     marker = _marker()
     if marker is not None and not marker.exists():
-        with suppress(OSError):  # not ours, or there is none yet
-            _remove_outdated(marker.parent)
+        for folder in {marker.parent, *cache_folders()}:
+            with suppress(OSError):  # not ours, or there is none yet
+                _remove_outdated(folder)
     keyframes = warm_up()
     if keyframes < KEYFRAMES:
         print("error: the warm-up sequence was not tracked, some kernels are not compiled", file=sys.stderr)

@@ -12,8 +12,8 @@ from typing import Deque, List, Optional, Tuple, Union
 
 import numpy as np
 
-from ceiling_dso_ros.dso import se3
-from ceiling_dso_ros.dso.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend

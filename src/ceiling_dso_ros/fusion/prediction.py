@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ceiling_dso_ros.dso import se3
-from ceiling_dso_ros.dso.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep

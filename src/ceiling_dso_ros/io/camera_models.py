@@ -6,7 +6,7 @@ from typing import List, Sequence, Tuple, Union
 
 import numpy as np
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera

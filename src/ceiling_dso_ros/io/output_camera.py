@@ -8,7 +8,7 @@ from typing import Callable, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.lens_models import LensCamera
 
 BISECTIONS = 52  # the bits of a float64

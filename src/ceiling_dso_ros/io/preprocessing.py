@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError
 from ceiling_dso_ros.io.photometric import PhotometricCalibration

@@ -12,15 +12,15 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
-from ceiling_dso_ros.dso.map_snapshot import NO_POINTS
-from ceiling_dso_ros.dso.schedulers import LiveScheduler, SequentialScheduler
-from ceiling_dso_ros.evaluation.recorder import TrajectoryRecorder
+from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
+from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
+from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.exposures import ExposureLookup

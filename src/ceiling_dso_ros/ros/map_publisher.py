@@ -8,8 +8,9 @@ import rospy
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.dso import OdometryStatus, PinholeCamera, se3
-from ceiling_dso_ros.dso.map_snapshot import MapPoints
+from ceiling_dso_ros.dso import OdometryStatus, PinholeCamera
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 
 PERIOD_S = 0.2  # shortest time between two messages of a topic
 FIELDS = [PointField(name, 4 * index, PointField.FLOAT32, 1) for index, name in enumerate(("x", "y", "z", "intensity"))]

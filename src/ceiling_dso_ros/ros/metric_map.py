@@ -9,7 +9,8 @@ from geometry_msgs.msg import Pose, PoseArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.dso import KeyframeEstimate, se3
+from ceiling_dso_ros.dso import KeyframeEstimate
+from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.ros.conversions import pose_from_matrix

@@ -5,7 +5,8 @@ from typing import Optional
 import numpy as np
 import rospy
 
-from ceiling_dso_ros.dso import CameraMotion, se3
+from ceiling_dso_ros.dso import CameraMotion
+from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import MotionPrediction
 from ceiling_dso_ros.ros.conversions import matrix_from_pose

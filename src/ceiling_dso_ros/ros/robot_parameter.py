@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ceiling_dso_ros.dso.config import ConfigError
-from ceiling_dso_ros.evaluation.fusing import robot_model
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.robot_file import read_robot_file
+from ceiling_dso_ros.playback.fusion_playback import robot_model
 from ceiling_dso_ros.ros import parameters
 
 

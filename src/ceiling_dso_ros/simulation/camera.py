@@ -7,8 +7,8 @@ from typing import Sequence, Tuple
 import cv2
 import numpy as np
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
 from ceiling_dso_ros.dso.config import require
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.io.photometric import GREY_LEVELS, PhotometricCalibration
 from ceiling_dso_ros.simulation.events import Event, light_level

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ceiling_dso_ros.dso.jit import kernel
+from ceiling_dso_ros.dso.compute.jit import kernel
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.jit import kernel, kernel_noalias
+from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
 
 f32 = np.float32
 NOTHING = -1

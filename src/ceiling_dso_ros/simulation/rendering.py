@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from ceiling_dso_ros.dso.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.simulation.raster_kernels import rasterise, visible_polygons
 from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Scene
 from ceiling_dso_ros.simulation.shading_kernels import expose

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.jit import kernel, kernel_noalias
+from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
 from ceiling_dso_ros.simulation.raster_kernels import NOTHING, inverse_depth_plane, rasterise, ray_product
 
 f32 = np.float32

@@ -1,0 +1,1 @@
+"""The bundle adjustment over the window, and what marginalised parts leave behind."""

@@ -1,0 +1,1 @@
+"""What the odometry computes with: compiled kernels, structs of arrays, linear systems, times and threads."""

@@ -1,0 +1,70 @@
+"""How every kernel of the odometry is compiled: one place for numba's options.
+
+`kernel` compiles a function to machine code, caches it on disk and releases the GIL while it runs. Division follows
+numpy (no exception on zero), without which LLVM cannot vectorise loops that divide. Sums may be reordered and
+multiplications fused, but NaN and infinity keep their meaning.
+
+`kernel_noalias` adds the promise that no array a kernel writes overlaps another argument, as C's `restrict`. Loops that
+gather from one array and store to another vectorise only with it. numba has the flag but no public option; where a
+version lacks it, the plain kernel is used, which is correct and slower.
+
+`kernel_inlined` is for what is called per pixel: a loop that calls does not vectorise, and LLVM leaves a function of
+some length as a call unless it is told not to.
+"""
+
+import functools
+import warnings
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Set
+
+import llvmlite.binding as llvm
+import numba
+
+FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
+_compiled: List[Any] = []
+_OPTIONS: Dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FASTMATH}
+
+
+def _let_avx2_gather() -> None:
+    """On processors with AVX2 but not AVX-512 LLVM reads pixels one by one unless it is told that gathers are fast."""
+    features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
+    names = features.split(",")
+    if "+avx2" in names and "+avx512f" not in names and not any("fast-gather" in name for name in names):
+        numba.config.CPU_FEATURES = f"{features},+fast-gather"
+
+
+def _noalias_option() -> Dict[str, Any]:
+    try:
+        from numba.core.cpu import CPUTargetOptions
+        from numba.core.options import TargetOptions
+
+        CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
+        numba.njit(noalias=True)(lambda: None)
+    except (ImportError, AttributeError, KeyError, TypeError):
+        return {}
+    return {"noalias": True}
+
+
+def _compile(function: Callable[..., Any], options: Dict[str, Any]) -> Callable[..., Any]:
+    compiled = _cached_where_possible(function, options)
+    _compiled.append(compiled)
+    return compiled
+
+
+def cache_folders() -> Set[Path]:
+    """Where the machine code of all kernels that have been imported is cached."""
+    return {Path(function.stats.cache_path) for function in _compiled if function.stats.cache_path is not None}
+
+
+def _cached_where_possible(function: Callable[..., Any], options: Dict[str, Any]) -> Callable[..., Any]:
+    try:
+        return numba.njit(**options)(function)
+    except RuntimeError as error:  # numba finds no folder that it can write
+        warnings.warn(f"kernels are compiled at every start: {error}; set NUMBA_CACHE_DIR", stacklevel=4)
+        return numba.njit(**{**options, "cache": False})(function)
+
+
+_let_avx2_gather()
+kernel: Callable[..., Any] = functools.partial(_compile, options=_OPTIONS)
+kernel_inlined: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, "forceinline": True})
+kernel_noalias: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, **_noalias_option()})

@@ -1,0 +1,1 @@
+"""Poses, motions and the camera's projection."""

@@ -1,0 +1,38 @@
+"""How the camera has moved, as others than its images say: a hypothesis for the tracking, never a measurement."""
+
+from dataclasses import dataclass
+from typing import Iterator
+
+import numpy as np
+
+from ceiling_dso_ros.dso.geometry import se3
+
+SIGMAS = 2.0  # how far from the likeliest motion it is worth looking
+MIN_SPREAD = 0.005  # rad, or units at a depth of about one: tracking finds its way from nearer by itself
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """Motion of the camera between two images.
+
+    Attributes:
+        T_start_end: (4, 4) float64 pose of the camera at the later image seen from the earlier, translation in the
+            unit of the segment.
+        covariance: (6, 6) float64 of (translation, rotation), a left increment on T_start_end.
+    """
+
+    T_start_end: np.ndarray
+    covariance: np.ndarray
+
+    def alternatives(self) -> Iterator[np.ndarray]:
+        """T_start_end (4, 4) two sigma away along the axes of the covariance, the widest axis first, narrow ones not.
+
+        So where the scale is hardly known yet, a shorter and a longer way.
+        """
+        variances, axes = np.linalg.eigh(self.covariance)
+        for variance, axis in zip(variances[::-1], axes.T[::-1]):
+            spread = SIGMAS * np.sqrt(max(variance, 0.0))
+            if spread < MIN_SPREAD:
+                return
+            for side in (spread, -spread):
+                yield se3.exp(side * axis) @ self.T_start_end

@@ -1,0 +1,1 @@
+"""What is made of an image: its pyramid, samples between pixels, the pixels worth tracking."""

@@ -1,0 +1,93 @@
+"""Image pyramids in a pool of preallocated memory."""
+
+from dataclasses import dataclass
+from typing import List, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.compute.jit import kernel_noalias
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+
+MIN_PIXELS = 5000
+MAX_LEVELS = 6
+QUARTER = np.float32(0.25)
+
+
+@dataclass(frozen=True)
+class PyramidShape:
+    """Sizes of the levels and where each lies in a flat buffer.
+
+    Attributes:
+        sizes: (width, height) of each level, finest first.
+        offsets: first pixel of each level in the buffer, and one past the last.
+    """
+
+    sizes: Tuple[Tuple[int, int], ...]
+    offsets: Tuple[int, ...]
+
+    @classmethod
+    def of(cls, width: int, height: int) -> "PyramidShape":
+        """Halve while both sides stay even, more than 5000 pixels were there, and at most 6 levels come out."""
+        sizes = [(width, height)]
+        while width % 2 == 0 and height % 2 == 0 and width * height > MIN_PIXELS and len(sizes) < MAX_LEVELS:
+            width, height = width // 2, height // 2
+            sizes.append((width, height))
+        offsets = np.concatenate([[0], np.cumsum([w * h for w, h in sizes])])
+        return cls(tuple(sizes), tuple(int(offset) for offset in offsets))
+
+    @property
+    def levels(self) -> int:
+        """How many levels there are."""
+        return len(self.sizes)
+
+
+def level_intrinsics(camera_parameters: np.ndarray, level: int) -> np.ndarray:
+    """(fx, fy, cx, cy) float64 on a pyramid level, with integer coordinates at pixel centres."""
+    fx, fy, cx, cy = camera_parameters
+    scale = 1.0 / (1 << level)
+    return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
+
+
+@kernel_noalias
+def halve(fine: np.ndarray, fine_width: int, width: int, height: int, coarse: np.ndarray) -> None:
+    """Mean of 2x2 pixels; flat arrays."""
+    for y in range(height):
+        top = fine[2 * y * fine_width : (2 * y + 1) * fine_width]
+        bottom = fine[(2 * y + 1) * fine_width : (2 * y + 2) * fine_width]
+        row = coarse[y * width : (y + 1) * width]
+        for x in range(width):
+            row[x] = QUARTER * (top[2 * x] + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1])
+
+
+class PyramidPool:
+    """Memory for a fixed number of pyramids, handed out as slot numbers.
+
+    `buffers` is (slots, pixels of all levels) float32: kernels take it whole and pick slot and level themselves.
+    """
+
+    def __init__(self, camera: PinholeCamera, slots: int) -> None:
+        self.shape = PyramidShape.of(camera.width, camera.height)
+        self.buffers = np.zeros((slots, self.shape.offsets[-1]), np.float32)
+        self._free: List[int] = list(range(slots))
+
+    def build(self, image: np.ndarray) -> int:
+        """Fill a free slot with the pyramid of image, (height, width) float32 or uint8; returns the slot."""
+        slot = self._free.pop()
+        width, height = self.shape.sizes[0]
+        self.level(slot, 0).reshape(height, width)[:] = image
+        for level in range(1, self.shape.levels):
+            fine_width = self.shape.sizes[level - 1][0]
+            halve(self.level(slot, level - 1), fine_width, *self.shape.sizes[level], self.level(slot, level))
+        return slot
+
+    def level(self, slot: int, level: int) -> np.ndarray:
+        """One level as a flat float32 view."""
+        return self.buffers[slot, self.shape.offsets[level] : self.shape.offsets[level + 1]]
+
+    def release(self, slot: int) -> None:
+        """Give a slot back."""
+        self._free.append(slot)
+
+    def release_all(self) -> None:
+        """Give every slot back."""
+        self._free = list(range(self.buffers.shape[0]))

@@ -1,0 +1,1 @@
+"""What happens to the window when images are traced and keyframes are made."""

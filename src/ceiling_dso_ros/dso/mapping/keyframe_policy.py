@@ -1,0 +1,100 @@
+"""Which frames become keyframes, and which keyframes and points leave the window."""
+
+from typing import List
+
+import numpy as np
+
+from ceiling_dso_ros.dso.config import KeyframeConfig, OptimizationConfig, WindowConfig
+from ceiling_dso_ros.dso.tracking.frame_tracker import TrackedFrame
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
+from ceiling_dso_ros.dso.window.points import INLIER, OUT_OF_BOUNDS, OUTLIER
+
+MIN_POINTS_LEFT = 0.05  # share of the active points that a keyframe ever had
+KEPT_NEWEST = 2  # of the older ones: their candidates have hardly had a chance to become points
+MAX_BRIGHTNESS_CHANGE = 0.7  # |ln alpha|
+
+
+def brightness_change(affine: np.ndarray, exposure: float, reference: TrackingReference) -> float:
+    """|ln alpha| between a frame and the reference keyframe."""
+    return abs(float(affine[0] - reference.affine[0]) + np.log(exposure / reference.exposure))
+
+
+def needs_keyframe(
+    tracked: TrackedFrame, exposure: float, reference: TrackingReference, first_rmse: float, diagonal: int,
+    config: KeyframeConfig,
+) -> bool:  # fmt: skip
+    """Whether a tracked frame has moved, or changed, enough to become a keyframe.
+
+    Args:
+        first_rmse: error of the first frame that was tracked on this reference.
+        diagonal: width + height of the image, which normalises flow.
+    """
+    moves = np.sqrt(tracked.motion_flow) > config.min_flow
+    if moves and tracked.rmse > config.max_rmse_growth * first_rmse:
+        return True
+    change = brightness_change(tracked.affine, exposure, reference)
+    score = config.translation_weight * np.sqrt(tracked.translation_flow) / diagonal
+    score += config.motion_weight * np.sqrt(tracked.motion_flow) / diagonal
+    score += config.brightness_weight * change
+    return bool(score > 1.0)
+
+
+def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, config: WindowConfig) -> List[int]:
+    """Slots that leave when a keyframe is added: nearly empty or too different ones, then the least useful.
+
+    Args:
+        position: (3,) of the new keyframe in the world.
+    """
+    n = window.count
+    flagged: List[int] = []
+    points = np.diff(window.points.host_ranges(n))
+    log_gain = window.keyframes.affine[:n, 0] + np.log(window.keyframes.exposure[:n])
+    for slot in range(n - KEPT_NEWEST):
+        if n - len(flagged) < config.min_keyframes:
+            break
+        nearly_empty = points[slot] < MIN_POINTS_LEFT * (points[slot] + window.gone_points[slot])
+        if nearly_empty or abs(log_gain[slot] - log_gain[-1]) > MAX_BRIGHTNESS_CHANGE:
+            flagged.append(slot)
+    if n - len(flagged) >= config.max_keyframes:
+        flagged.append(least_useful(window, position))
+    return sorted(set(flagged))
+
+
+def least_useful(window: KeyframeWindow, position: np.ndarray) -> int:
+    """The slot, not the newest, that is far from the new keyframe and close to others: the rest stays spread out."""
+    older = window.count - 1
+    positions = np.array([window.T_world_camera(slot)[:3, 3] for slot in range(older)])
+    closeness = 1.0 / (1e-5 + np.linalg.norm(positions[:, None] - positions[None], axis=2))
+    np.fill_diagonal(closeness, 0.0)
+    scores = np.sqrt(np.linalg.norm(positions - position, axis=1)) * closeness.sum(axis=1)
+    return int(np.argmax(scores))
+
+
+class PointFate:
+    """What becomes of each active point after the bundle adjustment.
+
+    Attributes:
+        marginalize: (points,) bool, its information goes to the prior.
+        drop: (points,) bool, it is forgotten.
+    """
+
+    def __init__(self, window: KeyframeWindow, leaving: List[int], config: OptimizationConfig) -> None:
+        count = window.points.count
+        points, residuals = window.points.arrays, window.points.residuals
+        state = residuals.state[: window.count, :count]
+        live = residuals.live[: window.count, :count] > 0
+        number = live.sum(axis=0)
+        host = points.host[:count]
+        newest = np.where(host == window.newest, INLIER, state[window.newest])
+        previous = np.where(host == window.newest - 1, INLIER, state[max(window.newest - 1, 0)])
+        invisible = (newest == OUT_OF_BOUNDS) | ((newest == OUTLIER) & (previous == OUTLIER))
+        goes = invisible | np.isin(host, leaving)
+        hopeless = (points.idepth[:count] < 0) | (number == 0)
+        informative = (
+            (points.good_residuals[:count] >= config.point_min_good_residuals)
+            & (number >= config.point_min_live_residuals)
+            & (points.idepth_hessian[:count] > config.point_min_hessian)
+        )
+        self.marginalize = goes & informative & ~hopeless
+        self.drop = (goes | hopeless) & ~self.marginalize

@@ -1,0 +1,73 @@
+"""The map as the odometry last refined it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
+from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
+
+
+class MapPoints(NamedTuple):
+    """The active points with a positive inverse depth.
+
+    Attributes:
+        positions: (N, 3) float64 in the VO world, VO units.
+        grey: (N,) float32 grey level in the keyframe that hosts the point.
+    """
+
+    positions: np.ndarray
+    grey: np.ndarray
+
+
+NO_POINTS = MapPoints(np.zeros((0, 3)), np.zeros(0, np.float32))
+
+
+@dataclass(frozen=True)
+class MapSnapshot:
+    """What a new keyframe left behind; stays as it is while the mapping goes on.
+
+    Attributes:
+        reference: the new keyframe with its depth, to track against.
+        keyframes: all of the window, those that leave with it too, oldest first.
+        rmse: photometric error of the bundle adjustment, grey levels.
+        window_points: the active points.
+        marginalized: the points that left with this keyframe, their information kept.
+        active_points, candidate_points: how many the window holds.
+    """
+
+    reference: TrackingReference
+    keyframes: Tuple[KeyframeEstimate, ...]
+    rmse: float
+    window_points: HostedPoints
+    marginalized: HostedPoints
+    active_points: int
+    candidate_points: int
+
+    @classmethod
+    def of(
+        cls, window: KeyframeWindow, reference: TrackingReference, keyframes: Tuple[KeyframeEstimate, ...], rmse: float,
+        marginalized: HostedPoints,
+    ) -> "MapSnapshot":  # fmt: skip
+        """Copy what may change."""
+        count = window.points.count
+        points = window.hosted_points(np.ones(count, bool))
+        return cls(reference, keyframes, rmse, points, marginalized, count, window.candidates.count)
+
+    @property
+    def points(self) -> MapPoints:
+        """What the window sees of the world."""
+        poses = {keyframe.keyframe_id: keyframe.T_world_camera for keyframe in self.keyframes}
+        return MapPoints(self.window_points.positions_world(poses), self.window_points.grey)
+
+    @property
+    def stamp_s(self) -> float:
+        """Stamp of the new keyframe's image, seconds."""
+        return self.keyframes[-1].stamp_s
+
+    def pose_of(self, keyframe_id: int) -> np.ndarray:
+        """T_world_camera of one of the keyframes."""
+        return next(keyframe.T_world_camera for keyframe in self.keyframes if keyframe.keyframe_id == keyframe_id)

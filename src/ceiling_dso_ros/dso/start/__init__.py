@@ -1,0 +1,1 @@
+"""The first map of a segment."""

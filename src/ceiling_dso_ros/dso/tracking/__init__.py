@@ -1,0 +1,1 @@
+"""The pose of an image against the newest keyframe."""

@@ -1,0 +1,165 @@
+"""Coarse-to-fine tracking of a new frame against the newest keyframe, from several hypotheses of the motion."""
+
+import itertools
+from dataclasses import dataclass
+from typing import Iterable, List, Optional, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.config import TrackingConfig
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool, level_intrinsics
+from ceiling_dso_ros.dso.tracking.tracking_kernels import align, mean_squared_flow
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.tracking.uncertainty import Observability, unit_information
+
+ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
+MIN_STEP = 0.03  # pixels of the level, at the image's centre
+MAX_SATURATED = 0.6  # share of points above the cutoff beyond which it is doubled; on the finest level, a failure
+MAX_GAIN_LOG = 1.2
+MAX_OFFSET = 200.0
+FLOW_STRIDE = 32  # flow is measured on every 32nd point
+UNIT_STRIDE = 8
+SEARCH_ANGLE = 0.02  # rad
+FINE_LEVELS = 2  # on coarser ones a grating may look like plain grey, or like itself a period further
+
+
+@dataclass(frozen=True)
+class TrackedFrame:
+    """Where a frame was found.
+
+    Attributes:
+        T_frame_reference: (4, 4) float64 motion from the reference keyframe's camera to the frame's.
+        affine: (2,) brightness (a, b) of the frame.
+        rmse: photometric error on the finest level, grey levels.
+        saturated: share of points whose error exceeds the cutoff there.
+        translation_flow, motion_flow: mean squared flow in pixels^2 by the translation alone, by the whole motion.
+        covariance: (6, 6) float64 of (translation, rotation), a left increment on T_frame_reference.
+        weakest: squared gradient along the motion that is seen worst, in units of what noise alone gives.
+    """
+
+    T_frame_reference: np.ndarray
+    affine: np.ndarray
+    rmse: float
+    saturated: float
+    translation_flow: float
+    motion_flow: float
+    covariance: np.ndarray
+    weakest: float
+
+
+def motion_hypotheses(
+    T_last_reference: np.ndarray, T_last_previous: np.ndarray, prediction: Optional[CameraMotion] = None
+) -> Iterable[np.ndarray]:
+    """T_frame_reference to try, likeliest first.
+
+    Args:
+        T_last_reference: (4, 4) motion from the reference to the last frame.
+        T_last_previous: (4, 4) motion from the frame before to the last frame.
+        prediction: motion from the last frame to this one, by other means, if there are any; where that is wrong by no
+            more than it says, one of its alternatives is near.
+    """
+    velocity = se3.log(T_last_previous)
+    constant = T_last_previous @ T_last_reference
+    if prediction is not None:
+        yield se3.inverse(prediction.T_start_end) @ T_last_reference
+    yield constant
+    if prediction is not None:
+        for T_last_frame in prediction.alternatives():
+            yield se3.inverse(T_last_frame) @ T_last_reference
+    yield se3.exp(2.0 * velocity) @ T_last_reference
+    yield se3.exp(0.5 * velocity) @ T_last_reference
+    yield T_last_reference
+    yield np.eye(4)
+    for axes in itertools.product((0.0, 1.0, -1.0), repeat=3):
+        if any(axes):
+            yield se3.exp(SEARCH_ANGLE * np.array([0.0, 0.0, 0.0, *axes])) @ constant
+
+
+class FrameTracker:
+    """Tracks frames. Holds scratch memory and the last error only."""
+
+    def __init__(self, pool: PyramidPool, config: TrackingConfig) -> None:
+        self._pool = pool
+        self._config = config
+        self._system = np.zeros((9, 9))
+        self._prior = np.array([config.affine_a_information, config.affine_b_information])
+
+    def track(
+        self, image_slot: int, exposure: float, reference: TrackingReference, hypotheses: Iterable[np.ndarray],
+        affine: np.ndarray, expected_rmse: float,
+    ) -> Optional[TrackedFrame]:  # fmt: skip
+        """Find the frame in a pool slot; None when no hypothesis leads to it.
+
+        Args:
+            exposure: of the frame, ms, 1 when unknown.
+            hypotheses: T_frame_reference to try in order; the first one on the finest levels alone, too, where
+                coarse ones mislead it.
+            affine: first guess of the frame's brightness (a, b).
+            expected_rmse: the last frame's; a hypothesis not much worse is taken at once.
+        """
+        growth = self._config.max_rmse_growth
+        best: Optional[TrackedFrame] = None
+        best_errors = [np.inf] * self._pool.shape.levels
+        for hypothesis, levels in self._attempts(hypotheses):
+            limits = [growth * error for error in best_errors[:levels]]
+            errors: List[float] = []
+            tracked = self._descend(image_slot, exposure, reference, hypothesis, affine, limits, errors)
+            if tracked is not None and (best is None or tracked.rmse < best.rmse):
+                best, best_errors = tracked, errors[::-1] + best_errors[levels:]
+            if best is not None and best.rmse < growth * expected_rmse:
+                break
+        return best
+
+    def _attempts(self, hypotheses: Iterable[np.ndarray]) -> Iterable[Tuple[np.ndarray, int]]:
+        """Hypotheses with the number of pyramid levels that each is followed down."""
+        for k, hypothesis in enumerate(hypotheses):
+            yield hypothesis, self._pool.shape.levels
+            if k == 0:
+                yield hypothesis, FINE_LEVELS
+
+    def _descend(
+        self, image_slot: int, exposure: float, reference: TrackingReference, T_frame_reference: np.ndarray,
+        affine: np.ndarray, limits: List[float], errors: List[float],
+    ) -> Optional[TrackedFrame]:  # fmt: skip
+        """Follow one hypothesis down as many levels as there are limits, to the finest; None as soon as it fails."""
+        T, ab = T_frame_reference, affine
+        ratio = exposure / reference.exposure
+        saturated = 1.0
+        for level in range(len(limits) - 1, -1, -1):
+            points = reference.levels[level]
+            width, height = self._pool.shape.sizes[level]
+            intrinsics = level_intrinsics(reference.intrinsics, level)
+            cutoff = self._config.cutoff
+            for _ in range(2):
+                T, ab, rmse, saturated = align(
+                    points.u, points.v, points.idepth, points.grey,
+                    self._pool.level(image_slot, level), width, height, intrinsics,
+                    T, ab, reference.affine, ratio, self._prior, cutoff, ITERATIONS[level], MIN_STEP / intrinsics[0],
+                    self._system,
+                )  # fmt: skip
+                if saturated <= MAX_SATURATED or level == 0 or not np.isfinite(rmse):
+                    break
+                cutoff *= 2.0
+            errors.append(rmse)
+            if not (np.isfinite(rmse) and np.isfinite(T).all()) or rmse > limits[level]:
+                return None
+        T = se3.orthonormalized(T)  # the next hypotheses are products of it: rounding would grow with every frame
+        if saturated > MAX_SATURATED or abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
+            return None
+        finest = reference.levels[0]
+        flows = mean_squared_flow(
+            finest.u[::FLOW_STRIDE], finest.v[::FLOW_STRIDE], finest.idepth[::FLOW_STRIDE], reference.intrinsics, T
+        )
+        upper = np.triu(self._system[:6, :6])  # below the diagonal nothing is defined
+        observability = Observability.of(
+            upper + np.triu(upper, 1).T,
+            UNIT_STRIDE * unit_information(
+                finest.u[::UNIT_STRIDE], finest.v[::UNIT_STRIDE], finest.idepth[::UNIT_STRIDE],
+                reference.intrinsics, T,
+            ),
+            errors[-1],
+        )  # fmt: skip
+        covariance = observability.covariance(errors[-1])
+        return TrackedFrame(T, ab, errors[-1], saturated, *flows, covariance, observability.weakest)

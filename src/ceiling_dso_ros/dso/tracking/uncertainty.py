@@ -1,0 +1,111 @@
+"""What a tracked frame tells about its own pose, and what it does not tell.
+
+J^T W J of the tracking takes every image gradient for texture, also one that is only noise. With M the same sum for
+gradients of one grey level per pixel in either direction, the generalised eigenvalues of (J^T W J, M) are mean squared
+gradients along independent motions of the camera. What noise alone gives is subtracted from each (errors in
+variables): a motion along the only edge in sight then has hardly any information left.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ceiling_dso_ros.dso.compute.jit import kernel
+from ceiling_dso_ros.dso.geometry import se3
+
+# Neighbouring points share depth errors, and the pose of the keyframe has an error of its own, so that residuals count
+# for far less than as many independent ones. Measured: simulated drives on three ceilings, 848x480.
+CORRELATION = 9.0
+# The first map comes from two near views. Until wider ones have corrected it, its error outweighs what the images leave
+# open. Measured likewise: its variance in units of theirs, and in how many keyframes it falls to 1 / e.
+FIRST_MAP, FIRST_MAP_KEYFRAMES = 20.0, 4.0
+# Variance of a central difference of independent noise is half of the noise's, of its bilinear interpolation 4/9 of
+# that, and the noise's at most half of the squared photometric error between two images.
+GRADIENT_NOISE = 0.11
+MAX_NOISE_RMSE = 4.0  # grey levels; a larger error is not noise but blur or a wrong model
+MIN_SHARE = 0.05  # of the noise's squared gradient that remains as information, so that the covariance is finite
+
+
+def noise_gradient2(rmse: float) -> float:
+    """Squared gradient that noise alone gives, from the photometric error in grey levels."""
+    return GRADIENT_NOISE * min(rmse, MAX_NOISE_RMSE) ** 2
+
+
+@kernel
+def unit_information(
+    u: np.ndarray, v: np.ndarray, idepth: np.ndarray, intrinsics: np.ndarray, T_frame_reference: np.ndarray
+) -> np.ndarray:
+    """Sum of K^T K over points, (6, 6) float64, with K the derivative of a pixel by (translation, rotation).
+
+    Args:
+        u, v, idepth: (n,) float32 points of the reference.
+        intrinsics: (4,) float64.
+        T_frame_reference: (4, 4) float64, the motion; its left increment is what K refers to.
+    """
+    fx, fy, cx, cy = intrinsics
+    T = T_frame_reference
+    total = np.zeros((6, 6))
+    column = np.empty((2, 6))
+    for i in range(u.size):
+        x_reference, y_reference, rho = (u[i] - cx) / fx, (v[i] - cy) / fy, idepth[i]
+        z = T[2, 0] * x_reference + T[2, 1] * y_reference + T[2, 2] + T[2, 3] * rho
+        if z <= 0.0:
+            continue
+        x = (T[0, 0] * x_reference + T[0, 1] * y_reference + T[0, 2] + T[0, 3] * rho) / z
+        y = (T[1, 0] * x_reference + T[1, 1] * y_reference + T[1, 2] + T[1, 3] * rho) / z
+        d = rho / z
+        column[0, 0], column[0, 1], column[0, 2] = fx * d, 0.0, -fx * d * x
+        column[0, 3], column[0, 4], column[0, 5] = -fx * x * y, fx * (1.0 + x * x), -fx * y
+        column[1, 0], column[1, 1], column[1, 2] = 0.0, fy * d, -fy * d * y
+        column[1, 3], column[1, 4], column[1, 5] = -fy * (1.0 + y * y), fy * x * y, fy * x
+        for a in range(6):
+            for b in range(6):
+                total[a, b] += column[0, a] * column[0, b] + column[1, a] * column[1, b]
+    return total
+
+
+@dataclass(frozen=True)
+class Observability:
+    """How well each motion of the camera is seen.
+
+    Attributes:
+        gradients: (6,) float64 mean squared gradient along each motion, growing, (grey levels / pixel)^2.
+        motions: (6, 6) float64, in columns, (translation, rotation) as left increments on T_frame_reference, such
+            that one moves the points by one pixel, root of the sum of squares.
+        noise: squared gradient that noise alone gives.
+    """
+
+    gradients: np.ndarray
+    motions: np.ndarray
+    noise: float
+
+    @classmethod
+    def of(cls, information: np.ndarray, unit: np.ndarray, rmse: float) -> "Observability":
+        """Split J^T W J, (6, 6), by the `unit_information` of as many points; rmse of the tracking in grey levels."""
+        scale = 1.0 / np.sqrt(np.diag(unit) + 1e-12 * np.trace(unit))
+        lower = np.linalg.cholesky(scale[:, None] * unit * scale + 1e-9 * np.eye(6))
+        half = np.linalg.solve(lower, scale[:, None] * information * scale)
+        gradients, vectors = np.linalg.eigh(np.linalg.solve(lower, half.T))
+        motions = scale[:, None] * np.linalg.solve(lower.T, vectors)
+        return cls(gradients, motions, noise_gradient2(rmse))
+
+    @property
+    def weakest(self) -> float:
+        """Squared gradient along the motion that is seen worst, in units of the noise's."""
+        return float(self.gradients[0] / self.noise) if self.noise > 0 else np.inf
+
+    def covariance(self, rmse: float) -> np.ndarray:
+        """Covariance (6, 6) float64 of (translation, rotation), a left increment on T_frame_reference."""
+        known = np.maximum(self.gradients - self.noise, MIN_SHARE * self.noise + 1e-9)
+        return CORRELATION * rmse**2 * (self.motions / known) @ self.motions.T
+
+
+def map_error(age: int) -> float:
+    """Factor by which the map's error enlarges the covariance of poses, `age` keyframes after the first map's."""
+    return 1.0 + FIRST_MAP * float(np.exp(-age / FIRST_MAP_KEYFRAMES))
+
+
+def world_covariance(covariance: np.ndarray, T_camera_world: np.ndarray) -> np.ndarray:
+    """Covariance of a left increment on T_camera_world as that of one on T_world_camera, both (6, 6) float64."""
+    adjoint = se3.adjoint(se3.inverse(T_camera_world))
+    return adjoint @ covariance @ adjoint.T

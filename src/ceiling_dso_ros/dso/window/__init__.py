@@ -1,0 +1,1 @@
+"""The window of keyframes: everything that outlasts an image."""

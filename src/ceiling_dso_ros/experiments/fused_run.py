@@ -1,0 +1,125 @@
+"""One run of the fusion over a tracked recording, measured against the truth."""
+
+from typing import List, Sequence, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind, align
+from ceiling_dso_ros.evaluation.association import interpolate_poses
+from ceiling_dso_ros.evaluation.report import evaluate_trajectory
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.state import ScaleState
+from ceiling_dso_ros.io.recording import Recording
+from ceiling_dso_ros.io.trajectory import Trajectory
+from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
+from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
+
+
+class FusedRun:
+    """Plays wheels and odometry into the fusion.
+
+    Attributes:
+        recording: with wheels and the nominal robot.
+        playback: what the fusion made of them.
+        path_m: how far the base went.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        statuses: Sequence[OdometryStatus],
+        camera_truth: Trajectory,
+        base_truth: Trajectory,
+    ) -> None:
+        self.recording = recording
+        self.playback = FusionPlayback(recording.wheels, robot_model(recording.robot))
+        self._camera_truth, self._base_truth = camera_truth, base_truth
+        camera = TrajectoryRecorder()
+        self._scales: List[Tuple[float, ScaleState]] = []
+        for status in statuses:
+            self.playback.add(status)
+            camera.add(status)
+            self._scales.append((status.stamp_s, self.playback.estimator.scale))
+        self.playback.finish()
+        self._camera = camera.final()
+        self._segments = np.array([status.segment for status in statuses if status.state is TrackingState.TRACKING])
+        steps_m = np.hypot(*np.diff(base_truth.positions[:, :2], axis=0).T)
+        self._way_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+        self.path_m = float(self._way_m[-1])
+
+    def ate_m(self, trajectory: Trajectory, kind: AlignmentKind = AlignmentKind.SE2) -> float:
+        """Root mean square position error of the base after an alignment, at the very stamps of the estimate."""
+        return evaluate_trajectory("", trajectory, self._base_truth, kind, 0.05, interpolate=True).ate_m.rmse
+
+    def ate_percent(self, trajectory: Trajectory) -> float:
+        """SE(2) error as a share of the path."""
+        return 100.0 * self.ate_m(trajectory) / self.path_m
+
+    def scale_error_percent(self, way_m: float, wheels_per_true: float = 1.0) -> float:
+        """Error of the scale as known after so much way, inf where none is known.
+
+        The truth is the scale of the Sim(3) that aligns the camera's path of that segment so far, as the odometry has
+        it in the end, with the true one: over shorter ways the errors of the odometry hide it.
+
+        Args:
+            way_m: of the base from the start.
+            wheels_per_true: length of a way by the wheels over its true length, to which the scale is bound.
+        """
+        until_s = self.time_s(way_m)
+        scale = [state for stamp_s, state in self._scales if stamp_s <= until_s][-1]
+        stamps_s = self._camera.stamps_s
+        chosen = (stamps_s <= until_s) & (self._segments == scale.segment)
+        if not scale.converged or chosen.sum() < MIN_PAIRS:
+            return np.inf
+        true = interpolate_poses(self._camera_truth.stamps_s, self._camera_truth.matrices(), stamps_s[chosen])
+        aligned = align(self._camera.positions[chosen], true[:, :3, 3], AlignmentKind.SIM3)
+        return 100.0 * abs(scale.value / (aligned.scale * wheels_per_true) - 1.0)
+
+    def wheels_per_true(self) -> float:
+        """Length of the whole way by the wheels over its true length."""
+        steps_m = np.hypot(*np.diff(self.playback.wheel().positions[:, :2], axis=0).T)
+        return float(steps_m.sum()) / self.path_m
+
+    def time_s(self, way_m: float) -> float:
+        """When the base has gone so far."""
+        index = np.searchsorted(self._way_m, min(max(way_m, 0.0), self.path_m))
+        return float(self._base_truth.stamps_s[index])
+
+    def true_poses(self, stamps_s: Sequence[float]) -> np.ndarray:
+        """(n, 3) of the base, seen from where it was at the first wheel sample."""
+        origin = _in_plane(self._base_truth, self._base_truth.stamps_s[:1])[0]
+        return np.array([planar.between(origin, pose) for pose in _in_plane(self._base_truth, stamps_s)])
+
+    def published(self) -> Tuple[np.ndarray, np.ndarray]:
+        """Stamps (n,) and poses (n, 3) of all outputs."""
+        states = self.playback.states
+        return np.array([state.stamp_s for state in states]), np.array([state.pose for state in states])
+
+    def largest_jump_m(self) -> float:
+        """Largest difference of an output's motion and the true motion."""
+        stamps_s, poses = self.published()
+        true = self.true_poses(stamps_s)
+        errors = [
+            planar.between(planar.between(*true[i : i + 2]), planar.between(*poses[i : i + 2]))[:2]
+            for i in range(len(poses) - 1)
+        ]
+        return float(np.hypot(*np.transpose(errors)).max())
+
+    def end_apart_m(self, other: "FusedRun") -> float:
+        """Distance of the last output from that of another run over the same way."""
+        return float(np.hypot(*(self.published()[1][-1] - other.published()[1][-1])[:2]))
+
+    def wheel_drift_m(self, start_s: float, end_s: float) -> float:
+        """How far off the end would be with the wheels' motion instead of the true one between two stamps."""
+        before, after = _in_plane(self.playback.wheel(), [start_s, end_s])
+        true_start, true_end, true_last = self.true_poses([start_s, end_s, self._base_truth.stamps_s[-1]])
+        drifted = planar.compose(true_start, planar.between(before, after))
+        last = planar.compose(drifted, planar.between(true_end, true_last))
+        return float(np.hypot(*(last - true_last)[:2]))
+
+
+def _in_plane(trajectory: Trajectory, stamps_s: Sequence[float]) -> np.ndarray:
+    """(n, 3) x, y, yaw at n stamps."""
+    T = interpolate_poses(trajectory.stamps_s, trajectory.matrices(), np.asarray(stamps_s))
+    return np.column_stack([T[:, :2, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])

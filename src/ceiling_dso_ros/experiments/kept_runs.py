@@ -1,0 +1,101 @@
+"""Recordings as the odometry has seen them, kept in a folder, since rendering and tracking a drive takes minutes."""
+
+import hashlib
+import itertools
+import pickle
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Tuple
+
+from tqdm import tqdm
+
+from ceiling_dso_ros import dso, simulation
+from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+from ceiling_dso_ros.io.recording import Frame, Recording
+from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
+from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.recording import SimulatedRecording
+
+UNSEEN_EVENTS = ("slip",)
+
+Statuses = Tuple[OdometryStatus, ...]
+
+
+@dataclass(frozen=True)
+class OdometryRun:
+    """How a recording is tracked.
+
+    Attributes:
+        config: the odometry's settings.
+        first: index of the first image that is taken.
+        every: of so many images one is taken.
+        predict: the recording's wheels tell how the camera has moved.
+    """
+
+    config: OdometryConfig = OdometryConfig()
+    first: int = 0
+    every: int = 1
+    predict: bool = False
+
+    def track(self, recording: Recording, name: str) -> Statuses:
+        """What the odometry says of the images."""
+        preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+        odometry = DirectOdometry(recording.calibration.camera, self.config)
+        fusion = FusionPlayback(recording.wheels, robot_model(recording.robot)) if self.predict else None
+        frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
+        statuses = []
+        usable = (frame for frame in frames if isinstance(frame, Frame))
+        for frame in itertools.islice(usable, self.first, None, self.every):
+            prediction = fusion.predicted_motion(statuses[-1], frame.stamp_s) if fusion and statuses else None
+            image = preprocess(frame.image)
+            statuses.append(odometry.track(image, frame.stamp_s, frame.exposure_ms, prediction))
+            if fusion is not None:
+                fusion.add(statuses[-1])
+        return tuple(statuses)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where the odometry's word on recordings is kept.
+
+    Attributes:
+        folder: made if missing.
+        fresh: track again what is there already.
+    """
+
+    folder: Path
+    fresh: bool = False
+
+    def statuses(self, recording: Recording, name: str, run: OdometryRun = OdometryRun()) -> Statuses:
+        """What the odometry says of every image of a recording that goes by that name in the folder."""
+        path, version = self.folder / f"{name}.pickle", _version()
+        if self.fresh or not path.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(pickle.dumps((version, run.track(recording, name))))
+        tracked_by, statuses = pickle.loads(path.read_bytes())
+        if tracked_by != version:
+            print(f"{path}: of another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
+        return statuses
+
+    def drive(self, config: SimulationConfig) -> Tuple[SimulatedRecording, Statuses]:
+        """A simulated drive of the usual length, camera and vibration; wheels, slip and late stamps are not seen."""
+        seen = tuple(event for event in config.events if event.partition("@")[0] not in UNSEEN_EVENTS)
+        name = "_".join([config.sequence, config.ceiling, str(config.seed), *seen])
+        statuses = self.statuses(SimulatedRecording(replace(config, events=seen, time_offset_s=0.0)), name)
+        late = (replace(status, stamp_s=status.stamp_s + config.time_offset_s) for status in statuses)
+        return SimulatedRecording(config), tuple(late) if config.time_offset_s else statuses
+
+
+def is_missing(folder: Path) -> bool:
+    """Whether a shared recording is not there; says so."""
+    if not folder.is_dir():
+        print(f"{folder} is missing, skipped: set CEILING_DSO_DATA to the folder of the recordings", file=sys.stderr)
+    return not folder.is_dir()
+
+
+def _version() -> str:
+    """Of all that the odometry's word depends on."""
+    sources = (path for package in (dso, simulation) for path in Path(package.__file__).parent.rglob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -1,0 +1,165 @@
+"""What the odometry said of a recording, against the truth."""
+
+from collections import defaultdict
+from typing import Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind
+from ceiling_dso_ros.evaluation.association import interpolate_poses
+from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation, evaluate_trajectory
+from ceiling_dso_ros.io.trajectory import Trajectory
+from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
+
+PAIRING_S = 0.02  # the truth is taken at the very stamps; this only bounds how far away its samples may be
+MOVING_M_S = 0.05  # a camera slower than that stands
+SIGMAS = 5.0  # beyond so many of its own standard deviations a pose is wrong
+
+
+class TrackedRun:
+    """One run.
+
+    Attributes:
+        statuses: one of each image, in order.
+        lost: how often tracking was lost.
+        first_pose: index of the first image with a pose, the number of images when there is none.
+    """
+
+    def __init__(self, statuses: Sequence[OdometryStatus], truth: Trajectory, interpolate: bool = True) -> None:
+        """Take the true poses of the camera.
+
+        Args:
+            statuses: one of each image.
+            truth: at any stamps.
+            interpolate: align with the truth at the very stamps of the images, not at its nearest ones.
+        """
+        self.statuses = statuses
+        self._stamps_s = np.array([status.stamp_s for status in statuses])
+        within = np.clip(self._stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
+        self._T_true = interpolate_poses(truth.stamps_s, truth.matrices(), within)
+        self._true = Trajectory.from_matrices(self._stamps_s, self._T_true) if interpolate else truth
+        self._tracking = np.array([status.state is TrackingState.TRACKING for status in statuses])
+        self.lost = sum(status.state is TrackingState.LOST for status in statuses)
+        self.first_pose = int(np.argmax(self._tracking)) if self._tracking.any() else len(statuses)
+        self._live, self._final = self._evaluations()
+
+    def _evaluations(self) -> Tuple[Dict[int, TrajectoryEvaluation], Dict[int, TrajectoryEvaluation]]:
+        """Live and final trajectory of each segment, aligned by Sim(3) on its own."""
+        recorders: Dict[int, TrajectoryRecorder] = defaultdict(TrajectoryRecorder)
+        for status in self.statuses:
+            recorders[status.segment].add(status)
+        long_enough = {segment: r for segment, r in recorders.items() if len(r.live()) >= MIN_PAIRS}
+        return (
+            {segment: self._evaluate(recorder.live()) for segment, recorder in long_enough.items()},
+            {segment: self._evaluate(recorder.final()) for segment, recorder in long_enough.items()},
+        )
+
+    def _evaluate(self, trajectory: Trajectory) -> TrajectoryEvaluation:
+        return evaluate_trajectory("", trajectory, self._true, AlignmentKind.SIM3, PAIRING_S)
+
+    @property
+    def final_ate_m(self) -> float:
+        """Root mean square of the position errors of all segments, on refined keyframes; inf without poses."""
+        return _ate_m(self._final.values())
+
+    @property
+    def live_ate_m(self) -> float:
+        """The same of the poses as they were known at once."""
+        return _ate_m(self._live.values())
+
+    @property
+    def final_ate_percent(self) -> float:
+        """Share of the path of all segments, inf without any."""
+        path_m = sum(evaluation.path_m for evaluation in self._final.values())
+        return 100.0 * self.final_ate_m / path_m if path_m > 0 else np.inf
+
+    @property
+    def tracked_percent(self) -> float:
+        """Share of the images from the first pose on that have one."""
+        return 100.0 * float(self._tracking[self.first_pose :].mean()) if self._tracking.any() else 0.0
+
+    def tracking_within(self, start_s: float, end_s: float) -> int:
+        """Number of images with a pose whose stamps lie in [start_s, end_s]."""
+        return int(self._tracking[(self._stamps_s >= start_s) & (self._stamps_s <= end_s)].sum())
+
+    def motion_without_pose_s(self, start_s: float = np.inf, end_s: float = -np.inf) -> float:
+        """Longest time in motion between two poses, not counted from start_s to end_s, the time of an event.
+
+        What is missing at the end counts; what comes before the first pose does not, unless there is none.
+        """
+        moving = self._moving_s()
+        moving[(self._stamps_s >= start_s) & (self._stamps_s <= end_s)] = 0.0
+        begin = self.first_pose if self._tracking.any() else 0
+        longest = gap = 0.0
+        for tracking, step_s in zip(self._tracking[begin:], moving[begin:]):
+            gap = 0.0 if tracking else gap + step_s
+            longest = max(longest, gap)
+        return longest
+
+    def motion_before_first_pose_s(self) -> float:
+        """Time in motion until then."""
+        return float(self._moving_s()[: self.first_pose + 1].sum())
+
+    def _moving_s(self) -> np.ndarray:
+        """Time since the last image where the camera has moved in it, else 0, (N,)."""
+        steps_s = np.diff(self._stamps_s, prepend=self._stamps_s[0])
+        steps_m = np.linalg.norm(np.diff(self._T_true[:, :3, 3], axis=0, prepend=self._T_true[:1, :3, 3]), axis=1)
+        return np.where(steps_m > MOVING_M_S * steps_s, steps_s, 0.0)
+
+    def normalised_errors_squared(self) -> np.ndarray:
+        """Of the poses relative to their keyframes, (N,), nan where there is no covariance; expected are 6 each.
+
+        That is what the tracking measures: a keyframe's own error is the same for all images that refer to it. The unit
+        of length is that of the segment as a whole.
+        """
+        nees = np.full(len(self.statuses), np.nan)
+        index = {stamp_s: i for i, stamp_s in enumerate(self._stamps_s)}
+        stamps_s = {k.keyframe_id: k.stamp_s for status in self.statuses for k in status.keyframes}
+        for i, status in enumerate(self.statuses):
+            if status.covariance is None or status.is_keyframe or status.segment not in self._final:
+                continue
+            T_true = se3.inverse(self._T_true[index[stamps_s[status.keyframe_id]]]) @ self._T_true[i]
+            T_true[:3, 3] /= self._final[status.segment].alignment.scale
+            error = se3.log(T_true @ se3.inverse(status.T_keyframe_camera))
+            T_keyframe_world = status.T_keyframe_camera @ se3.inverse(status.T_world_camera)
+            move = se3.adjoint(T_keyframe_world)
+            nees[i] = error @ np.linalg.solve(move @ status.covariance @ move.T, error)
+        return nees
+
+    @property
+    def mean_nees(self) -> float:
+        """Of all poses with a covariance, nan without any; expected are 6."""
+        known = self.normalised_errors_squared()
+        known = known[np.isfinite(known)]
+        return float(known.mean()) if len(known) else np.nan
+
+    def longest_wrong_s(self) -> float:
+        """Longest time in which all poses are more than SIGMAS of their own covariances off."""
+        longest, since_s = 0.0, None
+        for stamp_s, nees, tracking in zip(self._stamps_s, self.normalised_errors_squared(), self._tracking):
+            if nees > SIGMAS**2:
+                since_s = stamp_s if since_s is None else since_s
+                longest = max(longest, stamp_s - since_s)
+            elif not (tracking and np.isnan(nees)):  # a keyframe refers to itself: no error, no verdict
+                since_s = None
+        return longest
+
+    def losses(self) -> List[str]:
+        """When tracking was lost, in seconds from the first image, and what was said."""
+        start_s = self._stamps_s[0]
+        return [f"{s.stamp_s - start_s:.2f} s: {s.message}" for s in self.statuses if s.state is TrackingState.LOST]
+
+    def __str__(self) -> str:
+        """In one line."""
+        return (
+            f"{self._tracking.sum()} of {len(self.statuses)} images tracked, the first is {self.first_pose}, "
+            f"lost {self.lost} times, ATE final {1e3 * self.final_ate_m:.2f} mm = {self.final_ate_percent:.4f} %, "
+            f"live {1e3 * self.live_ate_m:.2f} mm, mean NEES / 6 {self.mean_nees / 6:.2f}"
+        )
+
+
+def _ate_m(evaluations: Sequence[TrajectoryEvaluation]) -> float:
+    errors_m = [evaluation.position_errors_m for evaluation in evaluations]
+    return float(np.sqrt(np.mean(np.concatenate(errors_m) ** 2))) if errors_m else np.inf

@@ -1,0 +1,73 @@
+"""What becomes of kernels where numba cannot do what it is asked for."""
+
+import os
+import subprocess
+import sys
+
+import llvmlite.binding as llvm
+import numba
+import pytest
+
+from ceiling_dso_ros.dso.compute import jit
+
+
+def double(x):
+    return 2 * x
+
+
+def test_without_a_cache_folder_kernels_still_work(monkeypatch):
+    njit = numba.njit
+
+    def without_folder(*function, **options):
+        if options.get("cache"):
+            raise RuntimeError("cannot cache function 'double': no locator available")
+        return njit(*function, **options)
+
+    monkeypatch.setattr(numba, "njit", without_folder)
+    with pytest.warns(UserWarning, match="NUMBA_CACHE_DIR"):
+        compiled = jit.kernel(double)
+    assert compiled(3) == 6
+
+
+@pytest.mark.parametrize(
+    ("features", "expected"),
+    [
+        ("+avx2,+fma", "+avx2,+fma,+fast-gather"),
+        ("+avx2,-avx512f", "+avx2,-avx512f,+fast-gather"),
+        ("+avx2,+avx512f", "+avx2,+avx512f"),
+        ("+sse2", "+sse2"),
+        ("+avx2,-fast-gather", "+avx2,-fast-gather"),
+    ],
+)
+def test_gathers_are_asked_for_where_only_avx2_is(monkeypatch, features, expected):
+    monkeypatch.setattr(numba.config, "CPU_FEATURES", features)
+    jit._let_avx2_gather()
+    assert expected == numba.config.CPU_FEATURES
+
+
+GATHERS = """
+import numpy as np
+from ceiling_dso_ros.dso.adjustment import residual_kernels
+from ceiling_dso_ros.dso.tracking import tracking_kernels
+
+n, f = 64, np.float32
+points, sums = residual_kernels.LivePoints.of_capacity(n), residual_kernels.pixel_sums(n)
+image, eye = np.zeros(100 * 100, f), np.eye(3, dtype=f)
+residual_kernels.sum_pattern(image, 100, 100, eye, np.zeros(3, f), f(1), f(0), f(0), points, n, sums)
+u = np.zeros(n, f)
+tracking_kernels.accumulate(u, u, u, u, image, 100, 100, np.ones(4), np.eye(4), 1.0, 0.0, 0.0, 20.0, np.zeros((9, 9)))
+for kernel in (residual_kernels.sum_pattern, tracking_kernels.accumulate):
+    print(sum("vgather" in line for line in next(iter(kernel.inspect_asm().values())).splitlines()))
+"""
+
+
+@pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx2"), reason="the processor has no gather instruction")
+def test_loops_over_pixels_are_vectorised(tmp_path):
+    """They are as long as all that they call is inlined: nothing else tells, but twice the time."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    output = subprocess.run(
+        [sys.executable, "-c", GATHERS], env=environment, stdout=subprocess.PIPE, check=True, text=True
+    ).stdout
+    pattern, tracking = (int(count) for count in output.split())
+    assert pattern >= 12
+    assert tracking >= 12

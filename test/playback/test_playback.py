@@ -1,0 +1,181 @@
+import json
+import signal
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.dso import CameraMotion
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
+from ceiling_dso_ros.io.recording import Frame, SkippedFrame
+from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.playback.playback import Playback
+
+
+def a_point_of(keyframe_id, depth):
+    return HostedPoints(np.array([keyframe_id]), np.array([[0.0, 0.0, depth]]), np.array([40.0], np.float32))
+
+
+class FakeOdometry:
+    """Waits for two frames, then moves 1 a frame; every third tracked frame becomes a keyframe; frame 6 is lost."""
+
+    def __init__(self):
+        self.seen = []
+
+    def track(self, image, stamp_s, exposure_ms):
+        index = len(self.seen)
+        self.seen.append((image, stamp_s, exposure_ms))
+        if index < 2:
+            return OdometryStatus(stamp_s, TrackingState.INITIALIZING, 0)
+        if index == 6:
+            return OdometryStatus(stamp_s, TrackingState.LOST, 0)
+        segment, keyframe_id = int(index > 6), index // 3
+        T_world_camera, T_keyframe_camera, T_world_keyframe = (np.eye(4) for _ in range(3))
+        T_world_camera[0, 3], T_keyframe_camera[0, 3] = index, index - 3 * keyframe_id
+        T_world_keyframe[0, 3] = 3.1 * keyframe_id
+        keyframe = KeyframeEstimate(keyframe_id, 3.0 * keyframe_id, segment, T_world_keyframe, (0.0, 0.0), False)
+        return OdometryStatus(
+            stamp_s,
+            TrackingState.TRACKING,
+            segment,
+            T_world_camera=T_world_camera,
+            is_keyframe=index % 3 == 0,
+            keyframe_id=keyframe_id,
+            T_keyframe_camera=T_keyframe_camera,
+            keyframes=(keyframe,),
+            window_points=a_point_of(keyframe_id, 2.0),
+            marginalized=a_point_of(keyframe_id, 5.0),
+            timing_ms={"track": 1.5},
+        )
+
+
+def frames(count):
+    for index in range(count):
+        yield Frame(float(index), 0.1 * index, np.full((2, 3), index, np.uint8))
+
+
+class InterruptedOdometry(FakeOdometry):
+    """Ctrl-C comes in the midst of frame 3."""
+
+    def track(self, image, stamp_s, exposure_ms):
+        if len(self.seen) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return super().track(image, stamp_s, exposure_ms)
+
+
+def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
+    playback = Playback(lambda image: image + 100.0, InterruptedOdometry(), print)
+    with pytest.raises(KeyboardInterrupt):
+        playback.play(frames(6))
+    assert playback.summary()["frames"] == 4
+
+
+def playback_of(stream):
+    warnings = []
+    playback = Playback(lambda image: image + 100.0, FakeOdometry(), warnings.append)
+    playback.play(stream)
+    return playback, warnings
+
+
+def test_every_frame_reaches_the_odometry_after_preprocessing():
+    odometry = FakeOdometry()
+    Playback(lambda image: image + 100.0, odometry, print).play(frames(4))
+    assert [stamp_s for _, stamp_s, _ in odometry.seen] == [0.0, 1.0, 2.0, 3.0]
+    assert [exposure_ms for _, _, exposure_ms in odometry.seen] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert [image[0, 0] for image, _, _ in odometry.seen] == [100.0, 101.0, 102.0, 103.0]
+
+
+class Wheels:
+    """Stands for the fusion: says of every image how far the camera has come."""
+
+    def predicted_motion(self, last, stamp_s):
+        T_last_camera = np.eye(4)
+        T_last_camera[0, 3] = stamp_s - last.stamp_s
+        return CameraMotion(T_last_camera, np.zeros((6, 6)))
+
+    def add(self, status):
+        pass
+
+    def finish(self):
+        pass
+
+
+class PredictedOdometry(FakeOdometry):
+    """Keeps what it is told besides."""
+
+    def __init__(self):
+        super().__init__()
+        self.known = []
+
+    def track(self, image, stamp_s, exposure_ms, **known):
+        self.known.append(known)
+        return super().track(image, stamp_s, exposure_ms)
+
+
+def test_the_wheels_predict_the_motion_since_the_last_image_when_asked_to():
+    odometry = PredictedOdometry()
+    Playback(lambda image: image, odometry, print, Wheels(), predict=True).play(frames(3))
+    assert odometry.known[0] == {}
+    assert [known["prediction"].T_start_end[0, 3] for known in odometry.known[1:]] == [1.0, 1.0]
+
+    unasked = PredictedOdometry()
+    Playback(lambda image: image, unasked, print, Wheels()).play(frames(3))
+    assert unasked.known == [{}, {}, {}]
+
+
+def test_summary_counts():
+    playback, _ = playback_of(frames(9))
+    summary = playback.summary()
+    counts = {name: summary[name] for name in ("frames", "tracked", "lost", "keyframes", "segments")}
+    assert counts == {"frames": 9, "tracked": 6, "lost": 1, "keyframes": 3, "segments": 2}
+    assert summary["scale"] == {"value": None, "sigma": None, "converged": False}
+
+
+def test_skipped_frames_are_warned_of_and_counted_apart():
+    bad = SkippedFrame(1.5, "00002.png: truncated; frame skipped")
+    playback, warnings = playback_of([*frames(2), bad, Frame(2.0, None, np.zeros((2, 3), np.uint8))])
+    assert warnings == playback.summary()["warnings"] == ["00002.png: truncated; frame skipped"]
+    assert playback.summary()["frames"] == 3
+
+
+def test_files(tmp_path, read_ply):
+    playback, _ = playback_of(frames(9))
+    playback.write(tmp_path, "complete")
+    assert read_tum(tmp_path / "camera.tum").positions[:, 0].tolist() == [2.0, 3.0, 4.0, 5.0, 7.0, 8.0]
+    assert np.allclose(read_tum(tmp_path / "camera_final.tum").positions[:, 0], [2.0, 3.1, 4.1, 5.1, 7.2, 8.2])
+    assert np.allclose(read_tum(tmp_path / "keyframes.tum").positions[:, 0], [0.0, 3.1, 6.2])
+    vertices = read_ply(tmp_path / "map.ply")
+    points = zip(*(vertices[name] for name in ("segment", "keyframe_id", "x", "z", "red")))
+    x = [float(np.float32(3.1 * keyframe)) for keyframe in range(3)]
+    assert sorted(points) == [
+        (0, 0, x[0], 5.0, 40),
+        (0, 1, x[1], 2.0, 40),
+        *3 * [(0, 1, x[1], 5.0, 40)],
+        (1, 2, x[2], 2.0, 40),
+        *2 * [(1, 2, x[2], 5.0, 40)],
+    ]
+    header, *rows = (tmp_path / "timing.csv").read_text().splitlines()
+    assert header == "stamp,total_ms,undistort_ms,track_ms,is_keyframe,state"
+    assert [row.split(",")[-1] for row in rows][5:8] == ["tracking", "lost", "tracking"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["end"], summary["frames"]) == ("complete", 9)
+
+
+def test_what_was_computed_before_a_failure_can_be_written(tmp_path):
+    def breaking():
+        yield from frames(5)
+        raise OSError("gone")
+
+    playback = Playback(lambda image: image, FakeOdometry(), print)
+    with pytest.raises(OSError, match="gone"):
+        playback.play(breaking())
+    playback.write(tmp_path, "failed: gone")
+    assert len(read_tum(tmp_path / "camera.tum")) == 3
+    assert json.loads((tmp_path / "summary.json").read_text())["end"] == "failed: gone"
+
+
+def test_a_run_without_any_frame_still_writes_its_files(tmp_path, read_ply):
+    Playback(lambda image: image, FakeOdometry(), print).write(tmp_path, "interrupted")
+    assert (tmp_path / "camera.tum").read_text() == ""
+    assert read_ply(tmp_path / "map.ply")["x"] == []
+    assert json.loads((tmp_path / "summary.json").read_text())["ms"]["all"]["mean"] is None
