@@ -18,6 +18,10 @@ class TrackingState(enum.Enum):
     RECOVERING = "recovering"  # collecting parallax for the first map of a new segment: no pose yet
 
 
+class TrackingLostError(Exception):
+    """The segment ends with this image, for the reason that the message gives. Never leaves the odometry."""
+
+
 @dataclass(frozen=True)
 class KeyframeEstimate:
     """One keyframe of the window as last refined.

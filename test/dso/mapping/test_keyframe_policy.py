@@ -6,17 +6,18 @@ from synthetic import CAMERA, SLANTED, add_keyframe, add_points, empty_window, r
 
 from ceiling_dso_ros.dso.config import KeyframeConfig, OptimizationConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.mapping.keyframe_policy import (
+    KeyframeTrigger,
     PointFate,
     brightness_change,
     keyframes_to_marginalize,
-    needs_keyframe,
 )
 from ceiling_dso_ros.dso.tracking.frame_tracker import TrackedFrame
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window.points import INLIER, NONE, OUT_OF_BOUNDS, OUTLIER
 
-DIAGONAL = 320 + 240
+WIDTH_AND_HEIGHT = CAMERA.width + CAMERA.height
 REFERENCE = TrackingReference(0, np.eye(4), np.array([0.1, 0.0]), 2.0, CAMERA.parameters, ())
 
 
@@ -25,7 +26,9 @@ def tracked(rmse=2.0, translation_flow=0.0, motion_flow=0.0, a=0.1):
 
 
 def needs(frame, exposure=2.0, first_rmse=2.0):
-    return needs_keyframe(frame, exposure, REFERENCE, first_rmse, DIAGONAL, KeyframeConfig())
+    trigger = KeyframeTrigger(CAMERA, KeyframeConfig())
+    trigger.fires(tracked(rmse=first_rmse), 2.0, REFERENCE)
+    return trigger.fires(frame, exposure, REFERENCE)
 
 
 def test_a_frame_like_the_keyframe_is_none():
@@ -35,8 +38,8 @@ def test_a_frame_like_the_keyframe_is_none():
 @pytest.mark.parametrize(
     "change",
     [
-        {"translation_flow": 0.1 * DIAGONAL**2, "motion_flow": 0.1 * DIAGONAL**2},
-        {"motion_flow": 0.1 * DIAGONAL**2},
+        {"translation_flow": 0.1 * WIDTH_AND_HEIGHT**2, "motion_flow": 0.1 * WIDTH_AND_HEIGHT**2},
+        {"motion_flow": 0.1 * WIDTH_AND_HEIGHT**2},
         {"a": 1.3},
         {"a": -1.1},
         {"rmse": 20.0, "motion_flow": 1.0},
@@ -61,8 +64,18 @@ def test_exposure_counts_as_brightness_and_may_cancel_it():
 def test_flow_is_relative_to_the_size_of_the_image():
     """A shift that makes a keyframe on a small image is nothing on a large one."""
     frame = tracked(translation_flow=100.0, motion_flow=100.0)
-    sizes = [needs_keyframe(frame, 2.0, REFERENCE, 2.0, diagonal, KeyframeConfig()) for diagonal in (200, 20000)]
-    assert sizes == [True, False]
+    cameras = [PinholeCamera(100.0, 100.0, side / 2, side / 2, side, side) for side in (100, 10000)]
+    fired = [KeyframeTrigger(camera, KeyframeConfig()).fires(frame, 2.0, REFERENCE) for camera in cameras]
+    assert fired == [True, False]
+
+
+def test_the_error_counts_against_the_first_one_on_the_same_keyframe():
+    trigger = KeyframeTrigger(CAMERA, KeyframeConfig())
+    moving = {"motion_flow": 1.0}
+    assert not trigger.fires(tracked(rmse=2.0, **moving), 2.0, REFERENCE)
+    assert trigger.fires(tracked(rmse=20.0, **moving), 2.0, REFERENCE)
+    trigger.renew()
+    assert not trigger.fires(tracked(rmse=20.0, **moving), 2.0, REFERENCE)
 
 
 # What leaves

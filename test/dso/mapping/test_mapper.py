@@ -7,11 +7,13 @@ from synthetic import CAMERA, SHARP, Surface
 from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
+from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.keyframe_policy import PointFate
-from ceiling_dso_ros.dso.mapping.mapper import Frame, Mapper, WindowLostError
-from ceiling_dso_ros.dso.start.initializer import FirstMap
+from ceiling_dso_ros.dso.mapping.mapper import Mapper
+from ceiling_dso_ros.dso.status import TrackingLostError
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY
 from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
@@ -128,7 +130,7 @@ def test_a_snapshot_stays_as_it_is(scene):
 
 def test_a_keyframe_that_shows_nothing_loses_the_window(scene):
     scene.keyframe(1)
-    with pytest.raises(WindowLostError):
+    with pytest.raises(TrackingLostError):
         scene.keyframe(2, image=np.full((240, 320), 100, np.float32))
 
 

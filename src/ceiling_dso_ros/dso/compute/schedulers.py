@@ -28,9 +28,14 @@ class SequentialScheduler:
         self._futures.append(future)
 
     def take_results(self) -> List[Any]:
-        """What ended tasks returned, in their order; each result is given once, and what a task raised is raised."""
-        results = []
+        """What ended tasks returned, in their order; each result is given once.
+
+        What a task raised is raised, when all that ended before it has been taken.
+        """
+        results: List[Any] = []
         while self._futures and self._futures[0].done():
+            if results and self._futures[0].exception() is not None:
+                break
             results.append(self._futures.popleft().result())
         return results
 

@@ -6,10 +6,12 @@ from typing import List, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel_noalias
+from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 
 MIN_PIXELS = 5000
 MAX_LEVELS = 6
+MIN_LEVELS = 3  # pixels are selected on as many
 QUARTER = np.float32(0.25)
 
 
@@ -39,6 +41,19 @@ class PyramidShape:
     def levels(self) -> int:
         """How many levels there are."""
         return len(self.sizes)
+
+
+def check_trackable(camera: PinholeCamera) -> None:
+    """Refuse images whose pyramid has too few levels.
+
+    Raises:
+        ConfigError: they are too small, or cannot be halved often enough.
+    """
+    if PyramidShape.of(camera.width, camera.height).levels < MIN_LEVELS:
+        raise ConfigError(
+            f"images of {camera.width}x{camera.height} pixels: too small to be tracked, or not divisible by 4; "
+            "20000 pixels at least"
+        )
 
 
 def level_intrinsics(camera_parameters: np.ndarray, level: int) -> np.ndarray:

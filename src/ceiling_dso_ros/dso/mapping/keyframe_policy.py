@@ -5,6 +5,7 @@ from typing import List
 import numpy as np
 
 from ceiling_dso_ros.dso.config import KeyframeConfig, OptimizationConfig, WindowConfig
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.tracking.frame_tracker import TrackedFrame
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
@@ -20,24 +21,29 @@ def brightness_change(affine: np.ndarray, exposure: float, reference: TrackingRe
     return abs(float(affine[0] - reference.affine[0]) + np.log(exposure / reference.exposure))
 
 
-def needs_keyframe(
-    tracked: TrackedFrame, exposure: float, reference: TrackingReference, first_rmse: float, diagonal: int,
-    config: KeyframeConfig,
-) -> bool:  # fmt: skip
-    """Whether a tracked frame has moved, or changed, enough to become a keyframe.
+class KeyframeTrigger:
+    """Decides which tracked frames become keyframes: those that have moved, or changed, enough."""
 
-    Args:
-        first_rmse: error of the first frame that was tracked on this reference.
-        diagonal: width + height of the image, which normalises flow.
-    """
-    moves = np.sqrt(tracked.motion_flow) > config.min_flow
-    if moves and tracked.rmse > config.max_rmse_growth * first_rmse:
-        return True
-    change = brightness_change(tracked.affine, exposure, reference)
-    score = config.translation_weight * np.sqrt(tracked.translation_flow) / diagonal
-    score += config.motion_weight * np.sqrt(tracked.motion_flow) / diagonal
-    score += config.brightness_weight * change
-    return bool(score > 1.0)
+    def __init__(self, camera: PinholeCamera, config: KeyframeConfig) -> None:
+        self._config = config
+        self._flow_unit = camera.width + camera.height  # pixels; makes the number of keyframes independent of the size
+        self._first_rmse = np.inf
+
+    def renew(self) -> None:
+        """Begin with another reference: the next frame's error is what later ones are held against."""
+        self._first_rmse = np.inf
+
+    def fires(self, tracked: TrackedFrame, exposure: float, reference: TrackingReference) -> bool:
+        """Whether a frame that was tracked against the reference is to become a keyframe."""
+        if not np.isfinite(self._first_rmse):
+            self._first_rmse = tracked.rmse
+        motion_flow = np.sqrt(tracked.motion_flow)
+        if motion_flow > self._config.min_flow and tracked.rmse > self._config.max_rmse_growth * self._first_rmse:
+            return True
+        score = self._config.translation_weight * np.sqrt(tracked.translation_flow) / self._flow_unit
+        score += self._config.motion_weight * motion_flow / self._flow_unit
+        score += self._config.brightness_weight * brightness_change(tracked.affine, exposure, reference)
+        return bool(score > 1.0)
 
 
 def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, config: WindowConfig) -> List[int]:

@@ -1,6 +1,5 @@
 """Mapping: what happens to the window when frames are traced and keyframes are made."""
 
-from dataclasses import dataclass
 from typing import List, Tuple
 
 import numpy as np
@@ -10,13 +9,15 @@ from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.activation import Activator
+from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.keyframe_policy import PointFate, keyframes_to_marginalize
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.mapping.tracing_kernels import trace_host
-from ceiling_dso_ros.dso.start.initializer import FirstMap
+from ceiling_dso_ros.dso.status import TrackingLostError
 from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceBuilder, TrackingReference
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
 from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
@@ -26,29 +27,6 @@ from ceiling_dso_ros.dso.window.pair_geometry import intrinsic_inverse, intrinsi
 MIN_POINTS_FOR_RANGE = 50  # with fewer, the depth of the scene is not known
 # Information that holds the first keyframe of a segment: translation, rotation, a, b.
 FIRST_KEYFRAME_INFORMATION = np.array([4e10, 4e10, 4e10, 1e11, 1e11, 1e11, 1e12, 1e8])
-
-
-class WindowLostError(Exception):
-    """The window has no solution any more; the segment ends. Never leaves the odometry."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """An image on its way through the odometry.
-
-    Attributes:
-        stamp_s: seconds.
-        exposure: ms, 1 when unknown.
-        image_slot: its pyramid in the pool.
-        T_camera_world: (4, 4) float64 tracked pose.
-        affine: (2,) tracked brightness (a, b).
-    """
-
-    stamp_s: float
-    exposure: float
-    image_slot: int
-    T_camera_world: np.ndarray
-    affine: np.ndarray
 
 
 class Mapper:
@@ -117,7 +95,7 @@ class Mapper:
         """Make a frame, already traced, a keyframe. Returns the refined map.
 
         Raises:
-            WindowLostError: the bundle adjustment has no solution, or too few points are left.
+            TrackingLostError: the bundle adjustment has no solution, or too few points are left.
         """
         window = self.window
         leaving = keyframes_to_marginalize(window, se3.inverse(frame.T_camera_world)[:3, 3], self._config.window)
@@ -128,9 +106,9 @@ class Mapper:
         with timer.stage("optimize"):
             rmse = self._adjustment.optimize(window)
         if not np.isfinite(rmse):
-            raise WindowLostError("the bundle adjustment has no solution")
+            raise TrackingLostError("the bundle adjustment has no solution")
         if window.points.count < self._config.window.min_active_share * self._config.window.active_points:
-            raise WindowLostError(f"{window.points.count} points are too few for a map")
+            raise TrackingLostError(f"{window.points.count} points are too few for a map")
         with timer.stage("reference"):
             reference = self._references.build(window)
         estimates = window.estimates(self._segment, tuple(leaving))

@@ -13,6 +13,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.images.gradient_cells import TEXTURE_LEVEL, strongest_per_cell, textured_share
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool, level_intrinsics
 from ceiling_dso_ros.dso.images.selection import PixelSelector, SelectedPixels, squared_gradient
+from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.start.initialization_kernels import align_level, smooth
 from ceiling_dso_ros.dso.start.neighbourhood import nearest_neighbours
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
@@ -51,24 +52,6 @@ class InitializerLevel:
     neighbours: np.ndarray
     parents: Optional[np.ndarray]
     target: np.ndarray
-
-
-@dataclass(frozen=True)
-class FirstMap:
-    """What the initialiser hands over.
-
-    Attributes:
-        T_frame_first: (4, 4) float64 motion from the first frame to the newest, in units of the mean depth.
-        pixels: pixels of the first frame.
-        idepth: (n,) float32 their inverse depths, of mean 1.
-        log_gain, offset: brightness from the first frame to the newest.
-    """
-
-    T_frame_first: np.ndarray
-    pixels: SelectedPixels
-    idepth: np.ndarray
-    log_gain: float
-    offset: float
 
 
 def dual_motion(T_frame_first: np.ndarray, plane: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:

@@ -1,0 +1,24 @@
+"""An image on its way through the odometry."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is known of an image so far.
+
+    Attributes:
+        stamp_s: seconds.
+        exposure: ms, 1 when unknown.
+        image_slot: its pyramid in the pool.
+        T_camera_world: (4, 4) float64 tracked pose.
+        affine: (2,) tracked brightness (a, b).
+    """
+
+    stamp_s: float
+    exposure: float
+    image_slot: int
+    T_camera_world: np.ndarray
+    affine: np.ndarray

@@ -1,0 +1,133 @@
+"""A segment: a stretch of tracking with a map, and a unit of length, of its own."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, Optional
+
+import numpy as np
+
+from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.mapping.keyframe_policy import KeyframeTrigger
+from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
+from ceiling_dso_ros.dso.mapping.mapping_queue import MappingQueue
+from ceiling_dso_ros.dso.start.map_start import FirstFrames, MapStart
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.tracking.frame_tracker import TrackedFrame
+from ceiling_dso_ros.dso.tracking.track_history import TrackHistory
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.tracking.uncertainty import map_error, world_covariance
+from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS, HostedPoints
+
+KEYFRAMES_OF_FIRST_MAP = 2
+
+
+@dataclass
+class Segment:
+    """What is remembered from image to image, and what it says of each.
+
+    Attributes:
+        number: counts up from 0 over the run.
+        first_keyframe_id: identity of its first keyframe.
+        T_world_camera: (4, 4) float64, the last pose; at first that of the segment before.
+        start: collects frames until there is a map.
+        mapping: has frames traced and made keyframes.
+        trigger: decides which frames become keyframes.
+        history: the last frames with a pose.
+    """
+
+    number: int
+    first_keyframe_id: int
+    T_world_camera: np.ndarray
+    start: MapStart
+    mapping: MappingQueue
+    trigger: KeyframeTrigger
+    history: TrackHistory = field(default_factory=TrackHistory)
+
+    @property
+    def map(self) -> Optional[MapSnapshot]:
+        """The map as it was refined last; None while there is none."""
+        return self.mapping.map
+
+    def begin_map(self, frames: FirstFrames, newest: Frame, timer: StageTimer) -> MapSnapshot:
+        """Make the first map.
+
+        Raises:
+            TrackingLostError: the bundle adjustment has no solution.
+        """
+        first_map = self.mapping.begin(frames.first, frames.first_map, newest, timer)
+        self.history.begin(self.first_keyframe_id)
+        return first_map
+
+    def take_in_map(self, timer: StageTimer) -> None:
+        """Go on with what the mapping has finished.
+
+        Raises:
+            TrackingLostError: the map has no solution any more.
+        """
+        if self.mapping.take_in(timer):
+            self.trigger.renew()
+
+    def needs_keyframe(self, frame: Frame, tracked: TrackedFrame, reference: TrackingReference) -> bool:
+        """Whether a tracked frame is to become a keyframe; not while another one is in work."""
+        return not self.mapping.keyframe_pending and self.trigger.fires(tracked, frame.exposure, reference)
+
+    def status_with_pose(
+        self, frame: Frame, current: MapSnapshot, tracked: Optional[TrackedFrame], is_keyframe: bool, timer: StageTimer
+    ) -> OdometryStatus:
+        """Remember a frame's pose and tell it.
+
+        Args:
+            frame: with its pose and brightness.
+            current: the map that the frame was tracked against.
+            tracked: how it was found; None for the frame that completed the first map.
+            is_keyframe: whether it became a keyframe.
+            timer: times of the stages.
+        """
+        rmse = current.rmse if tracked is None else tracked.rmse
+        reference, newest = current.reference, self.map
+        if newest is not None and newest.stamp_s == frame.stamp_s:  # the frame is a keyframe, already refined
+            reference = newest.reference
+            frame = replace(frame, T_camera_world=reference.T_camera_world, affine=reference.affine)
+        T_keyframe_camera = self.history.remember(frame, reference, rmse)
+        self.T_world_camera = se3.inverse(frame.T_camera_world)
+        return OdometryStatus(
+            stamp_s=frame.stamp_s,
+            state=TrackingState.TRACKING,
+            segment=self.number,
+            T_world_camera=self.T_world_camera,
+            covariance=None if tracked is None else self._covariance(frame, reference, tracked),
+            is_keyframe=is_keyframe,
+            keyframe_id=reference.keyframe_id,
+            T_keyframe_camera=T_keyframe_camera,
+            rmse=rmse,
+            **self._common(timer),
+        )
+
+    def status_without_map(self, frame: Frame, message: str, timer: StageTimer) -> OdometryStatus:
+        """Tell why there is no map yet."""
+        state = TrackingState.INITIALIZING if self.number == 0 else TrackingState.RECOVERING
+        return self.status_without_pose(frame, state, message, timer)
+
+    def status_without_pose(
+        self, frame: Frame, state: TrackingState, message: str, timer: StageTimer
+    ) -> OdometryStatus:
+        """Tell why there is no pose."""
+        return OdometryStatus(frame.stamp_s, state, self.number, message=message, **self._common(timer))
+
+    def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
+        age = reference.keyframe_id - self.first_keyframe_id - (KEYFRAMES_OF_FIRST_MAP - 1)
+        return map_error(age) * world_covariance(tracked.covariance, frame.T_camera_world)
+
+    def _common(self, timer: StageTimer) -> Dict[str, Any]:
+        """What every status says."""
+        news = self.mapping.take_news()
+        keyframes = {keyframe.keyframe_id: keyframe for snapshot in news for keyframe in snapshot.keyframes}
+        return {
+            "keyframes": tuple(keyframes.values()),
+            "window_points": news[-1].window_points if news else NO_HOSTED_POINTS,
+            "marginalized": HostedPoints.concatenated([snapshot.marginalized for snapshot in news]),
+            "active_points": 0 if self.map is None else self.map.active_points,
+            "candidate_points": 0 if self.map is None else self.map.candidate_points,
+            "timing_ms": timer.timing_ms,
+        }

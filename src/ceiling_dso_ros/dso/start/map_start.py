@@ -1,0 +1,67 @@
+"""Collects frames for the first map of a segment."""
+
+from dataclasses import replace
+from typing import NamedTuple, Optional
+
+import numpy as np
+
+from ceiling_dso_ros.dso.config import InitializationConfig
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool
+from ceiling_dso_ros.dso.images.selection import PixelSelector
+from ceiling_dso_ros.dso.mapping.first_map import FirstMap
+from ceiling_dso_ros.dso.start.initializer import Initializer
+
+
+class FirstFrames(NamedTuple):
+    """The frames that a map begins with.
+
+    Attributes:
+        first: the frame whose points have a depth.
+        first_map: that depth, and the motion to the newest frame.
+    """
+
+    first: Frame
+    first_map: FirstMap
+
+
+class MapStart:
+    """Aligns frames to a first one until there is parallax, and takes another first one where that leads to no map.
+
+    Attributes:
+        message: what was made of the last frame, in words.
+    """
+
+    def __init__(
+        self, pool: PyramidPool, selector: PixelSelector, camera: PinholeCamera, config: InitializationConfig
+    ) -> None:
+        self._pool = pool
+        self._selector = selector
+        self._initializer = Initializer(pool, camera.parameters, config)
+        self._first: Optional[Frame] = None
+        self.message = ""
+
+    def add(self, frame: Frame, T_camera_world: np.ndarray) -> Optional[FirstFrames]:
+        """Take in a frame, and its image slot, unless it completes the map.
+
+        Args:
+            frame: the newest.
+            T_camera_world: (4, 4) pose that a first frame gets.
+        """
+        if self._first is None:
+            return self._begin_with(frame, T_camera_world, "first frame of a segment")
+        first_map = self._initializer.add(frame.image_slot, frame.exposure / self._first.exposure)
+        if self._initializer.failed:
+            self._pool.release(self._first.image_slot)
+            return self._begin_with(frame, T_camera_world, "the first frame led to no map: starting from this one")
+        if first_map is None:
+            self._pool.release(frame.image_slot)
+            self.message = "waiting for parallax"
+            return None
+        return FirstFrames(self._first, first_map)
+
+    def _begin_with(self, frame: Frame, T_camera_world: np.ndarray, message: str) -> None:
+        self._initializer.start(frame.image_slot, self._selector)
+        self._first = replace(frame, T_camera_world=T_camera_world)
+        self.message = message
