@@ -1,0 +1,68 @@
+"""What the last frames tell of the next one, also when their keyframes have been refined since."""
+
+import numpy as np
+import pytest
+from synthetic import CAMERA
+
+from ceiling_dso_ros.dso import CameraMotion
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.tracking.track_history import TrackHistory
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+
+STEP = se3.exp(np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.03]))
+
+
+def reference(keyframe_id, T_camera_world):
+    return TrackingReference(keyframe_id, T_camera_world, np.zeros(2), 1.0, CAMERA.parameters, ())
+
+
+def frame(T_camera_world, affine=(0.0, 0.0)):
+    return Frame(0.0, 1.0, 0, T_camera_world, np.array(affine))
+
+
+def poses(known):
+    return lambda keyframe_id: se3.inverse(known[keyframe_id].T_camera_world)
+
+
+def test_before_the_first_frame_nothing_is_expected_of_its_error():
+    assert TrackHistory().rmse == np.inf
+
+
+def test_the_motion_goes_on_as_it_did():
+    history, keyframe = TrackHistory(), reference(3, np.eye(4))
+    history.begin(3)
+    history.remember(frame(STEP, affine=(0.1, 2.0)), keyframe, rmse=4.0)
+    likeliest = next(iter(history.hypotheses(keyframe, poses({3: keyframe}), None)))
+    np.testing.assert_allclose(likeliest, STEP @ STEP, atol=1e-12)
+    assert history.rmse == 4.0
+    np.testing.assert_array_equal(history.affine, [0.1, 2.0])
+
+
+def test_only_the_last_two_frames_count():
+    history, keyframe = TrackHistory(), reference(0, np.eye(4))
+    history.begin(0)
+    for T in (se3.exp(np.full(6, 0.2)), STEP, STEP @ STEP):
+        history.remember(frame(T), keyframe, 1.0)
+    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), None)))
+    np.testing.assert_allclose(likeliest, STEP @ STEP @ STEP, atol=1e-12)
+
+
+def test_a_refined_keyframe_takes_its_frames_along():
+    history, keyframe = TrackHistory(), reference(0, np.eye(4))
+    history.begin(0)
+    T_keyframe_camera = history.remember(frame(STEP), keyframe, 1.0)
+    np.testing.assert_allclose(T_keyframe_camera, se3.inverse(STEP), atol=1e-12)
+    moved = reference(0, se3.exp(np.array([0.0, 0.3, 0.0, 0.0, 0.1, 0.0])))
+    likeliest = next(iter(history.hypotheses(moved, poses({0: moved}), None)))
+    np.testing.assert_allclose(likeliest, STEP @ STEP, atol=1e-12)
+
+
+@pytest.mark.parametrize("known_motion", [np.eye(4), se3.exp(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.2]))])
+def test_a_known_motion_comes_first(known_motion):
+    history, keyframe = TrackHistory(), reference(0, np.eye(4))
+    history.begin(0)
+    history.remember(frame(STEP), keyframe, 1.0)
+    prediction = CameraMotion(known_motion, 1e-6 * np.eye(6))
+    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), prediction)))
+    np.testing.assert_allclose(likeliest, se3.inverse(known_motion) @ STEP, atol=1e-12)
