@@ -38,17 +38,17 @@ class Step(NamedTuple):
 STEPS = (
     Step(0, CALLER, "Take an image", "from a recording\nor a topic", "io/recording.py\nros/mailbox.py", "raw image"),
     Step(1, CALLER, "Preprocess", "correct brightness,\nundistort", "io/preprocessing.py", "float32 image"),
-    Step(4, CALLER, "Record or publish", "", "evaluation/recorder.py\nros/odometry_publisher.py", "*.tum, topics"),
-    Step(0, EVERY_IMAGE, "Initialise", "pose and depth, once\nthere is parallax", "initialization.py", "FirstMap"),
-    Step(1, EVERY_IMAGE, "Build pyramid", "into a slot of\nthe image pool", "pyramid.py", "Frame"),
-    Step(2, EVERY_IMAGE, "Track", "coarse to fine on the\nnewest keyframe", "tracking.py", "TrackedFrame"),
-    Step(3, EVERY_IMAGE, "Trace", "narrow the depth of the\nwindow's candidates", "tracing_kernels.py"),
-    Step(4, EVERY_IMAGE, "Keyframe?", "has it moved or\nchanged enough?", "keyframe_policy.py"),
-    Step(4, EVERY_KEYFRAME, "Activate", "candidates become\npoints", "activation.py"),
-    Step(3, EVERY_KEYFRAME, "Optimise", "Gauss-Newton over\nthe window", "bundle_adjustment.py", "Linearization"),
-    Step(2, EVERY_KEYFRAME, "Make reference", "all points in the\nnewest keyframe", "tracking_reference.py",
+    Step(4, CALLER, "Record or publish", "", "playback/\nros/odometry_publisher.py", "*.tum, topics"),
+    Step(0, EVERY_IMAGE, "Start", "pose and depth, once\nthere is parallax", "start/map_start.py", "FirstMap"),
+    Step(1, EVERY_IMAGE, "Build pyramid", "into a slot of\nthe image pool", "images/pyramid.py", "Frame"),
+    Step(2, EVERY_IMAGE, "Track", "coarse to fine on the\nnewest keyframe", "tracking/frame_tracker.py", "TrackedFrame"),
+    Step(3, EVERY_IMAGE, "Trace", "narrow the depth of the\nwindow's candidates", "mapping/tracing_kernels.py"),
+    Step(4, EVERY_IMAGE, "Keyframe?", "has it moved or\nchanged enough?", "mapping/keyframe_policy.py"),
+    Step(4, EVERY_KEYFRAME, "Activate", "candidates become\npoints", "mapping/activation.py"),
+    Step(3, EVERY_KEYFRAME, "Optimise", "Gauss-Newton over\nthe window", "adjustment/", "Linearization"),
+    Step(2, EVERY_KEYFRAME, "Make reference", "all points in the\nnewest keyframe", "tracking/\ntracking_reference.py",
          "TrackingReference"),
-    Step(1, EVERY_KEYFRAME, "Renew", "marginalise the old,\nselect new pixels", "bundle_adjustment.py\nselection.py",
+    Step(1, EVERY_KEYFRAME, "Renew", "marginalise the old,\nselect new pixels", "adjustment/\nimages/selection.py",
          "Prior"),
 )  # fmt: skip
 STORES = (
@@ -105,11 +105,13 @@ def draw_groups(axes: Axes) -> None:
     draw_box(axes, (left, bottom), (WIDTH - 2 * left, PANEL_TOP - bottom), PANEL, "none")
     x, clear = COLUMNS[0] + 0.02, 0.12
     draw_heading(
-        axes, x, HEIGHT - 0.16, "Playback or DsoServer", COLUMNS[1] + 0.02, "evaluation/playback.py, ros/dso_server.py"
+        axes, x, HEIGHT - 0.16, "Playback or DsoServer", COLUMNS[1] + 0.02, "playback/playback.py, ros/dso_server.py"
     )
     draw_heading(axes, x, PANEL_TOP - 0.18, "DirectOdometry.track", middle(1) + clear, "every image: dso/odometry.py")
     y = EVERY_KEYFRAME + BOX_HEIGHT + 0.18
-    draw_heading(axes, COLUMNS[1] + 0.02, y, "Mapper.add_keyframe", middle(2) + clear, "every keyframe: mapping.py")
+    draw_heading(
+        axes, COLUMNS[1] + 0.02, y, "Mapper.add_keyframe", middle(2) + clear, "every keyframe: mapping/mapper.py"
+    )
 
 
 def draw_window(axes: Axes) -> None:
@@ -118,7 +120,7 @@ def draw_window(axes: Axes) -> None:
     draw_box(axes, (COLUMNS[0], WINDOW), (width, WINDOW_HEIGHT), STORE, DATA)
     centre = WINDOW + WINDOW_HEIGHT / 2
     axes.text(middle(0), centre + 0.1, "KeyframeWindow", ha="center", va="center", weight="bold", size=9, color=INK)
-    axes.text(middle(0), centre - 0.1, "window.py", ha="center", va="center", family="monospace", size=7, color=FAINT)
+    axes.text(middle(0), centre - 0.1, "window/", ha="center", va="center", family="monospace", size=7, color=FAINT)
     for column, (name, what) in enumerate(STORES, start=1):
         axes.text(middle(column), centre + 0.2, name, ha="center", va="center", color=DATA)
         axes.text(middle(column), centre - 0.1, what, ha="center", va="center", color=INK, linespacing=1.3)
