@@ -29,7 +29,7 @@ from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
-from ceiling_dso_ros.simulation.simulation import START_NS
+from ceiling_dso_ros.simulation.simulation import stamp_ns
 
 # Of the C++ reference: final and live error in metres with nearest stamps, index of the first image with a pose.
 REFERENCES = {"ceiling_loops": (0.0020, 0.0022, 46), "tum_fr1_xyz": (0.0193, 0.0214, 6)}
@@ -119,15 +119,15 @@ def rates(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 
 def events(tracked: TrackedDrives, count: int) -> Iterator[Row]:
     """What may happen to a camera: on a part of the loops, and two sequences that are events by themselves."""
-    start_s = START_NS * 1e-9 + EVENT_S
     for event, length_s in (("lights_off", 0.3), ("cover", COVER_S), ("flicker", 5.0)):
         what = f"{event}@{EVENT_S:g}+{length_s:g}"
         configs = [SimulationConfig("loops", seed=s, duration_s=EVENT_DRIVE_S, events=(what,)) for s in range(count)]
         runs = [tracked.drive(config) for config in configs]
-        end_s = start_s + length_s
-        yield from _recovered(f"loops, {event}", runs, [run.motion_without_pose_s(start_s, end_s) for run in runs])
+        event_ns = (stamp_ns(EVENT_S), stamp_ns(EVENT_S + length_s))
+        yield from _recovered(f"loops, {event}", runs, [run.motion_without_pose_s(*event_ns) for run in runs])
         if event == "cover":
-            covered = [run.tracking_within(start_s + COVER_SLIDE_S, end_s) for run in runs]
+            first_ns = stamp_ns(EVENT_S + COVER_SLIDE_S)
+            covered = [run.tracking_within(first_ns, event_ns[1]) for run in runs]
             yield Row(f"loops, {event}", "covered images with a pose", covered, 0)
     for sequence in ("spin", "stop_and_go"):
         runs = [tracked.drive(SimulationConfig(sequence, seed=seed)) for seed in range(count)]

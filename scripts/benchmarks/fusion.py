@@ -23,6 +23,7 @@ from ceiling_dso_ros.experiments.kept_runs import Kept, Statuses, is_missing
 from ceiling_dso_ros.fusion.calibration import Calibration, calibrate
 from ceiling_dso_ros.fusion.calibration_data import camera_poses
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
@@ -33,9 +34,8 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import Event
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.robot import WheelErrors
-from ceiling_dso_ros.simulation.simulation import START_NS
+from ceiling_dso_ros.simulation.simulation import START_NS, stamp_ns
 
-START_S = START_NS * 1e-9
 WHEELS = WheelErrors(radius=0.0, ratio=0.01, wheel_base=0.01, travel_noise_m=0.002)
 REPORT_MARGIN_S = 0.5  # a report within so much of a slip is of that slip
 NOTICED_S = 0.2  # a covered lens must be noticed within
@@ -64,7 +64,7 @@ def drives(kept: Kept, seeds: int) -> Iterator[Row]:
         yield Row(name, "ATE wheels / fused", np.divide(wheel, fused), low=5.0)
         yield Row(name, "ATE smoothed, % of path", smoothed, 0.2)
         reports += sum(len(run.playback.estimator.slips) for run in runs)
-        driven_s += sum(run.playback.states[-1].stamp_s - START_S for run in runs)
+        driven_s += sum(seconds(run.playback.states[-1].stamp_ns - START_NS) for run in runs)
     yield Row(f"all {driven_s / 60:.0f} min", "false slip reports in 10 min", [reports * 600.0 / driven_s], 1.0)
 
 
@@ -85,8 +85,8 @@ def slip(kept: Kept, seeds: int) -> Iterator[Row]:
 
 
 def _is_of(report: SlipReport, burst: Event) -> bool:
-    start_s, end_s = START_S + burst.start_s - REPORT_MARGIN_S, START_S + burst.end_s + REPORT_MARGIN_S
-    return report.start_s < end_s and report.end_s > start_s
+    start_ns, end_ns = stamp_ns(burst.start_s - REPORT_MARGIN_S), stamp_ns(burst.end_s + REPORT_MARGIN_S)
+    return report.start_ns < end_ns and report.end_ns > start_ns
 
 
 def cover(kept: Kept, seeds: int) -> Iterator[Row]:
@@ -94,19 +94,19 @@ def cover(kept: Kept, seeds: int) -> Iterator[Row]:
     pairs = [(drive(kept, "loops", seed), drive(kept, "loops", seed, "cover")) for seed in range(seeds)]
     covered = [run for _, run in pairs]
     (burst,) = covered[0].recording.simulation.events
-    start_s, end_s = START_S + burst.start_s, START_S + burst.end_s
-    gaps = [np.diff([state.stamp_s for state in run.playback.states]).max() for run in covered]
-    told = [_share_told(run, start_s + NOTICED_S, end_s) for run in covered]
+    start_ns, end_ns = stamp_ns(burst.start_s), stamp_ns(burst.end_s)
+    gaps = [seconds(np.diff(run.published()[0]).max()) for run in covered]
+    told = [_share_told(run, start_ns + nanoseconds(NOTICED_S), end_ns) for run in covered]
     added = [run.end_apart_m(clear) for clear, run in pairs]
     yield Row("loops, cover", "longest time between outputs, s", gaps, 0.021)
     yield Row("loops, cover", "largest jump beyond the motion, mm", [1e3 * run.largest_jump_m() for run in covered], 20)
     yield Row("loops, cover", "outputs that tell of it, %", told, low=100.0)
-    drift = [run.wheel_drift_m(start_s, end_s) for run in covered]
+    drift = [run.wheel_drift_m(start_ns, end_ns) for run in covered]
     yield Row("loops, cover", "error added at the end / wheels' drift of 5 s", np.divide(added, drift), 1.0)
 
 
-def _share_told(run: FusedRun, start_s: float, end_s: float) -> float:
-    within = [state for state in run.playback.states if start_s <= state.stamp_s <= end_s]
+def _share_told(run: FusedRun, start_ns: int, end_ns: int) -> float:
+    within = [state for state in run.playback.states if start_ns <= state.stamp_ns <= end_ns]
     told = [s.state is FusionState.DEGRADED and any(r.startswith("camera:") for r in s.reasons) for s in within]
     return 100.0 * float(np.mean(told))
 
@@ -148,7 +148,7 @@ def _calibrated(recording: SimulatedRecording, statuses: Statuses) -> Calibratio
     T[:3, 3] += MISPLACED_M
     robot: RobotModel = replace(true, T_base_camera=T)
     odometry, wheels = WheelOdometry(robot, WheelConfig()), recording.wheels
-    samples = zip(wheels.stamps_s.tolist(), wheels.left.tolist(), wheels.right.tolist())
+    samples = zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist())
     steps = [step for step in (odometry.add_ticks(*sample) for sample in samples) if step is not None]
     return calibrate(steps, camera_poses(statuses), robot)
 

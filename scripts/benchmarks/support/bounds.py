@@ -123,7 +123,7 @@ def measure_kernels(bag: Path) -> List[KernelCost]:
     odometry = DirectOdometry(recording.calibration.camera, OdometryConfig())
     for frame in islice(recording.frames(), IMAGES):
         image = prepare(frame.image)
-        odometry.track(image, frame.stamp_s, frame.exposure_ms)
+        odometry.track(image, frame.stamp_ns, frame.exposure_ms)
     return [
         _pyramid(odometry, image),
         _tracking(odometry),

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
 from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.machine_speed import machine_ms
@@ -51,7 +52,7 @@ def _drive_on(recording: Recording, out: Path) -> None:
     minutes: Dict[str, List[float]] = {"memory_mb": [], "frame_ms": [], "unit_ms": [], "lost": []}
     times_ms, units_ms, lost = array("d"), array("d"), 0
     for frame in tqdm(_laps(recording), desc="long", unit="frame", disable=None):
-        if frame.stamp_s >= 60.0 * (len(minutes["lost"]) + 1):
+        if seconds(frame.stamp_ns) >= 60.0 * (len(minutes["lost"]) + 1):
             measured = {"frame_ms": np.mean(times_ms), "unit_ms": np.mean(units_ms), "lost": lost}
             for name, value in {"memory_mb": resident_mb(), **measured}.items():
                 minutes[name].append(float(value))
@@ -59,7 +60,7 @@ def _drive_on(recording: Recording, out: Path) -> None:
             if len(minutes["lost"]) == MINUTES:
                 break
         start_s = time.process_time()
-        status = odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
+        status = odometry.track(preprocess(frame.image), frame.stamp_ns, frame.exposure_ms)
         times_ms.append(1e3 * (time.process_time() - start_s))
         lost += status.state is TrackingState.LOST
         if len(times_ms) % IMAGES_A_UNIT == 0:
@@ -70,11 +71,11 @@ def _drive_on(recording: Recording, out: Path) -> None:
 
 def _laps(recording: Recording) -> Iterator[Frame]:
     """The recording without end; stamps count from 0."""
-    begin_s = 0.0
+    begin_ns = 0
     while True:
-        first_s = None
+        first_ns = None
         for frame in recording.frames():
-            first_s = frame.stamp_s if first_s is None else first_s
-            last_s = begin_s + frame.stamp_s - first_s
-            yield Frame(last_s, frame.exposure_ms, frame.image)
-        begin_s = last_s + 1.0 / 30.0
+            first_ns = frame.stamp_ns if first_ns is None else first_ns
+            last_ns = begin_ns + frame.stamp_ns - first_ns
+            yield Frame(last_ns, frame.exposure_ms, frame.image)
+        begin_ns = last_ns + nanoseconds(1.0 / 30.0)

@@ -77,7 +77,7 @@ def starts_under_cover(drive: RenderedDrive) -> Iterator[TrackedRun]:
         image = preprocess(frame.image)
         for start in under_way:
             seen = covered(image, i - start.first + start.phase)
-            start.statuses.append(start.odometry.track(seen, frame.stamp_s, frame.exposure_ms))
+            start.statuses.append(start.odometry.track(seen, frame.stamp_ns, frame.exposure_ms))
         for start in [start for start in under_way if len(start.statuses) == FRAMES]:
             under_way.remove(start)
             yield TrackedRun(start.statuses, drive.simulated.camera_truth)

@@ -123,7 +123,7 @@ def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float)
             timer = StageTimer()
             with timer.stage("undistort"):
                 image = preprocess(frame.image)
-            status = odometry.track(image, frame.stamp_s, frame.exposure_ms)
+            status = odometry.track(image, frame.stamp_ns, frame.exposure_ms)
             return replace(status, timing_ms={**timer.timing_ms, **status.timing_ms})
 
         result = play_live(frames, track, rate).summary()

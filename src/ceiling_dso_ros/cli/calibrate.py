@@ -55,7 +55,7 @@ def execute(options: argparse.Namespace) -> None:
     try:
         robot = robot_model(description)
         odometry = WheelOdometry(robot, WheelConfig())
-        samples = zip(wheels.stamps_s.tolist(), wheels.left.tolist(), wheels.right.tolist())
+        samples = zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist())
         steps = [step for step in (odometry.add_ticks(*sample) for sample in samples) if step is not None]
         calibration = calibrate(steps, camera_poses(_track(recording)), robot)
     except (ConfigError, CalibrationError) as error:
@@ -82,7 +82,7 @@ def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
     with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
         for frame in frames:
             if isinstance(frame, Frame):
-                yield odometry.track(preprocess(frame.image), frame.stamp_s, frame.exposure_ms)
+                yield odometry.track(preprocess(frame.image), frame.stamp_ns, frame.exposure_ms)
 
 
 def _table(calibration: "Calibration") -> str:

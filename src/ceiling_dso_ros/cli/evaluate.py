@@ -71,9 +71,9 @@ def execute(options: argparse.Namespace) -> None:
     estimates = {name: read_tum(path) for name, path in _find_trajectories(directory).items()}
     evaluations = [_evaluate(name, estimate, references, options) for name, estimate in estimates.items()]
     used = {_reference_of(name, options): None for name in estimates}  # a dict keeps their order
-    start_s = min(estimate.stamps_s[0] for estimate in estimates.values())
-    end_s = max(estimate.stamps_s[-1] for estimate in estimates.values())
-    drawn = [_positions(references[path], start_s, end_s) for path in used]
+    start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
+    end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
+    drawn = [_positions(references[path], start_ns, end_ns) for path in used]
     _write(directory, options, drawn, evaluations)
     print(tables(evaluations))
     for path in used:
@@ -116,9 +116,9 @@ def _write(
         raise InputError(f"{directory}: cannot write the evaluation: {error.strerror}") from error
 
 
-def _positions(reference: "Trajectory", start_s: float, end_s: float) -> "np.ndarray":
+def _positions(reference: "Trajectory", start_ns: int, end_ns: int) -> "np.ndarray":
     """Those within the time of the estimates, (M, 3)."""
-    return reference.positions[(reference.stamps_s >= start_s) & (reference.stamps_s <= end_s)]
+    return reference.positions[(reference.stamps_ns >= start_ns) & (reference.stamps_ns <= end_ns)]
 
 
 def _reference_of(name: str, options: argparse.Namespace) -> Path:

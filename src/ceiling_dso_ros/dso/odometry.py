@@ -70,20 +70,20 @@ class DirectOdometry:
         return self._segment.map
 
     def track(
-        self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float] = None,
+        self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float] = None,
         prediction: Optional[CameraMotion] = None,
     ) -> OdometryStatus:  # fmt: skip
         """Process one image.
 
         Args:
             image: (height, width) float32 or uint8, undistorted and photometrically corrected, grey levels 0..255.
-            stamp_s: seconds, larger than the last one's.
+            stamp_ns: nanoseconds, larger than the last one's.
             exposure_ms: exposure time, None or not positive when unknown.
             prediction: motion from the last image to this one, known by other means; None when there are none.
         """
         segment, timer = self._segment, StageTimer()
         with timer.stage("pyramid"):
-            frame = self._new_frame(image, stamp_s, exposure_ms)
+            frame = self._new_frame(image, stamp_ns, exposure_ms)
         try:
             segment.take_in_map(timer)
             if segment.map is None:
@@ -101,14 +101,14 @@ class DirectOdometry:
         except TrackingLostError as error:
             return self._lose(frame, str(error), timer)
 
-    def _new_frame(self, image: np.ndarray, stamp_s: float, exposure_ms: Optional[float]) -> Frame:
+    def _new_frame(self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float]) -> Frame:
         if image.shape != (self.camera.height, self.camera.width):
             raise ValueError(
                 f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
                 f"the camera has {self.camera.width}x{self.camera.height}"
             )
         exposure = exposure_ms if exposure_ms is not None and exposure_ms > 0 else 1.0
-        return Frame(stamp_s, exposure, self._pool.build(image), np.eye(4), np.zeros(2))
+        return Frame(stamp_ns, exposure, self._pool.build(image), np.eye(4), np.zeros(2))
 
     def _initialize(self, frame: Frame, timer: StageTimer) -> OdometryStatus:
         """Collect frames for a first map; no pose is given before it is believed."""

@@ -86,13 +86,13 @@ class Segment:
         """
         rmse = current.rmse if tracked is None else tracked.rmse
         reference, newest = current.reference, self.map
-        if newest is not None and newest.stamp_s == frame.stamp_s:  # the frame is a keyframe, already refined
+        if newest is not None and newest.stamp_ns == frame.stamp_ns:  # the frame is a keyframe, already refined
             reference = newest.reference
             frame = replace(frame, T_camera_world=reference.T_camera_world, affine=reference.affine)
         T_keyframe_camera = self.history.remember(frame, reference, rmse)
         self.T_world_camera = se3.inverse(frame.T_camera_world)
         return OdometryStatus(
-            stamp_s=frame.stamp_s,
+            stamp_ns=frame.stamp_ns,
             state=TrackingState.TRACKING,
             segment=self.number,
             T_world_camera=self.T_world_camera,
@@ -113,7 +113,7 @@ class Segment:
         self, frame: Frame, state: TrackingState, message: str, timer: StageTimer
     ) -> OdometryStatus:
         """Tell why there is no pose."""
-        return OdometryStatus(frame.stamp_s, state, self.number, message=message, **self._common(timer))
+        return OdometryStatus(frame.stamp_ns, state, self.number, message=message, **self._common(timer))
 
     def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
         age = reference.keyframe_id - self.first_keyframe_id - (KEYFRAMES_OF_FIRST_MAP - 1)

@@ -28,7 +28,7 @@ class KeyframeEstimate:
 
     Attributes:
         keyframe_id: counts up over the whole run, never reused.
-        stamp_s: stamp of its image, seconds.
+        stamp_ns: stamp of its image, nanoseconds.
         segment: the segment it belongs to.
         T_world_camera: (4, 4) float64, VO units, VO world.
         affine: brightness parameters (a, b) of equation (4).
@@ -36,7 +36,7 @@ class KeyframeEstimate:
     """
 
     keyframe_id: int
-    stamp_s: float
+    stamp_ns: int
     segment: int
     T_world_camera: np.ndarray
     affine: Tuple[float, float]
@@ -48,7 +48,7 @@ class OdometryStatus:
     """The result of `DirectOdometry.track` for one image.
 
     Attributes:
-        stamp_s: stamp of the image, seconds.
+        stamp_ns: stamp of the image, nanoseconds.
         state: see TrackingState.
         segment: counts from 0; every re-initialisation begins a new one with its own unit of length.
         T_world_camera: (4, 4) float64 pose of the camera in the VO world, VO units; None unless state is TRACKING.
@@ -65,7 +65,7 @@ class OdometryStatus:
         message: why there is no pose, in words; empty when tracking.
     """
 
-    stamp_s: float
+    stamp_ns: int
     state: TrackingState
     segment: int
     T_world_camera: Optional[np.ndarray] = None

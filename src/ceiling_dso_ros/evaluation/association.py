@@ -5,53 +5,57 @@ from typing import Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
+
 
 def associate(
-    stamps_s: np.ndarray, reference_stamps_s: np.ndarray, max_difference_s: float
+    stamps_ns: np.ndarray, reference_stamps_ns: np.ndarray, max_difference_s: float
 ) -> Tuple[np.ndarray, np.ndarray]:
     """Pair the stamps that are each other's nearest and at most max_difference_s apart.
 
     Being nearest in both directions makes the pairing one-to-one and keeps it in the order of time.
 
     Args:
-        stamps_s: (N,) float64, seconds, increasing.
-        reference_stamps_s: (M,) float64, seconds, increasing.
+        stamps_ns: (N,) int64, nanoseconds, increasing.
+        reference_stamps_ns: (M,) int64, nanoseconds, increasing.
         max_difference_s: tau of equation (13), seconds.
 
     Returns:
-        Indices into stamps_s and into reference_stamps_s, both (P,) int, increasing.
+        Indices into stamps_ns and into reference_stamps_ns, both (P,) int, increasing.
     """
-    if len(stamps_s) == 0 or len(reference_stamps_s) == 0:
+    if len(stamps_ns) == 0 or len(reference_stamps_ns) == 0:
         return np.empty(0, int), np.empty(0, int)
-    nearest_reference = _nearest(stamps_s, reference_stamps_s)
-    nearest_stamp = _nearest(reference_stamps_s, stamps_s)
-    index = np.arange(len(stamps_s))
-    difference_s = np.abs(stamps_s - reference_stamps_s[nearest_reference])
-    paired = (nearest_stamp[nearest_reference] == index) & (difference_s <= max_difference_s)
+    nearest_reference = _nearest(stamps_ns, reference_stamps_ns)
+    nearest_stamp = _nearest(reference_stamps_ns, stamps_ns)
+    index = np.arange(len(stamps_ns))
+    difference_ns = np.abs(stamps_ns - reference_stamps_ns[nearest_reference])
+    paired = (nearest_stamp[nearest_reference] == index) & (difference_ns <= nanoseconds(max_difference_s))
     return index[paired], nearest_reference[paired]
 
 
-def interpolate_poses(stamps_s: np.ndarray, poses: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
+def interpolate_poses(stamps_ns: np.ndarray, poses: np.ndarray, wanted_ns: np.ndarray) -> np.ndarray:
     """Poses at other stamps: positions linearly, rotations along the shortest arc.
 
     Args:
-        stamps_s: (N,) float64, seconds, strictly increasing, at least two.
+        stamps_ns: (N,) int64, nanoseconds, strictly increasing, at least two.
         poses: (N, 4, 4) float64.
-        wanted_s: (M,) float64, seconds, all within the range of stamps_s.
+        wanted_ns: (M,) int64, nanoseconds, all within the range of stamps_ns.
 
     Returns:
         (M, 4, 4) float64.
     """
+    # seconds from the first stamp: the same numbers wherever the clock has its origin
+    times_s, wanted_s = (seconds(ns - stamps_ns[0]) for ns in (stamps_ns, wanted_ns))
     interpolated = np.tile(np.eye(4), (len(wanted_s), 1, 1))
-    interpolated[:, :3, :3] = Slerp(stamps_s, Rotation.from_matrix(poses[:, :3, :3]))(wanted_s).as_matrix()
+    interpolated[:, :3, :3] = Slerp(times_s, Rotation.from_matrix(poses[:, :3, :3]))(wanted_s).as_matrix()
     for axis in range(3):
-        interpolated[:, axis, 3] = np.interp(wanted_s, stamps_s, poses[:, axis, 3])
+        interpolated[:, axis, 3] = np.interp(wanted_s, times_s, poses[:, axis, 3])
     return interpolated
 
 
-def _nearest(stamps_s: np.ndarray, among_s: np.ndarray) -> np.ndarray:
-    """For each stamp the index of the nearest of among_s (the earlier of two equally near)."""
-    after = np.clip(np.searchsorted(among_s, stamps_s), 1, max(len(among_s) - 1, 1))
-    after = np.minimum(after, len(among_s) - 1)
+def _nearest(stamps_ns: np.ndarray, among_ns: np.ndarray) -> np.ndarray:
+    """For each stamp the index of the nearest of among_ns (the earlier of two equally near)."""
+    after = np.clip(np.searchsorted(among_ns, stamps_ns), 1, max(len(among_ns) - 1, 1))
+    after = np.minimum(after, len(among_ns) - 1)
     before = np.maximum(after - 1, 0)
-    return np.where(stamps_s - among_s[before] <= among_s[after] - stamps_s, before, after)
+    return np.where(stamps_ns - among_ns[before] <= among_ns[after] - stamps_ns, before, after)

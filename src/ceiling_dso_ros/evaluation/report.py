@@ -16,6 +16,7 @@ from ceiling_dso_ros.evaluation.errors import (
     relative_errors,
     rotation_errors,
 )
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 
 # Lengths of the sub-trajectories as parts of the whole path, as Zhang and Scaramuzza choose them.
@@ -102,8 +103,8 @@ def evaluate_trajectory(
     index, reference_index = _pairs(estimate, reference, max_difference_s)
     reference_poses = reference.matrices()[reference_index]
     if interpolate and len(reference) > 1:
-        stamps_s = np.clip(estimate.stamps_s[index], reference.stamps_s[0], reference.stamps_s[-1])
-        reference_poses = interpolate_poses(reference.stamps_s, reference.matrices(), stamps_s)
+        stamps_ns = np.clip(estimate.stamps_ns[index], reference.stamps_ns[0], reference.stamps_ns[-1])
+        reference_poses = interpolate_poses(reference.stamps_ns, reference.matrices(), stamps_ns)
     poses = estimate.matrices()
     try:
         alignment = align(poses[index, :3, 3], reference_poses[:, :3, 3], kind)
@@ -168,13 +169,14 @@ def _relative_row(name: str, errors: RelativeErrors) -> Dict[str, str]:
 
 def _pairs(estimate: Trajectory, reference: Trajectory, max_difference_s: float) -> Tuple[np.ndarray, np.ndarray]:
     """Equation (13), with an error that says what to do when there is too little in common."""
-    index, reference_index = associate(estimate.stamps_s, reference.stamps_s, max_difference_s)
+    index, reference_index = associate(estimate.stamps_ns, reference.stamps_ns, max_difference_s)
     if len(index) == 0:
-        (start, end), (reference_start, reference_end) = (
-            (trajectory.stamps_s[0], trajectory.stamps_s[-1]) for trajectory in (estimate, reference)
-        )
-        ranges = f"it covers {start:.3f} to {end:.3f} s, the reference {reference_start:.3f} to {reference_end:.3f} s"
-        if start > reference_end or end < reference_start:
+        ranges = f"it covers {_range(estimate)}, the reference {_range(reference)}"
+        if estimate.stamps_ns[0] > reference.stamps_ns[-1] or estimate.stamps_ns[-1] < reference.stamps_ns[0]:
             raise EvaluationError(f"no overlap in time: {ranges}")
         raise EvaluationError(f"no stamps within {max_difference_s} s of each other; {ranges}: raise --max-difference")
     return index, reference_index
+
+
+def _range(trajectory: Trajectory) -> str:
+    return f"{seconds(trajectory.stamps_ns[0]):.3f} to {seconds(trajectory.stamps_ns[-1]):.3f} s"

@@ -36,11 +36,11 @@ class FusedRun:
         self.playback = FusionPlayback(recording.wheels, robot_model(recording.robot))
         self._camera_truth, self._base_truth = camera_truth, base_truth
         camera = TrajectoryRecorder()
-        self._scales: List[Tuple[float, ScaleState]] = []
+        self._scales: List[Tuple[int, ScaleState]] = []
         for status in statuses:
             self.playback.add(status)
             camera.add(status)
-            self._scales.append((status.stamp_s, self.playback.estimator.scale))
+            self._scales.append((status.stamp_ns, self.playback.estimator.scale))
         self.playback.finish()
         self._camera = camera.final()
         self._segments = np.array([status.segment for status in statuses if status.state is TrackingState.TRACKING])
@@ -66,13 +66,13 @@ class FusedRun:
             way_m: of the base from the start.
             wheels_per_true: length of a way by the wheels over its true length, to which the scale is bound.
         """
-        until_s = self.time_s(way_m)
-        scale = [state for stamp_s, state in self._scales if stamp_s <= until_s][-1]
-        stamps_s = self._camera.stamps_s
-        chosen = (stamps_s <= until_s) & (self._segments == scale.segment)
+        until_ns = self.stamp_ns(way_m)
+        scale = [state for stamp_ns, state in self._scales if stamp_ns <= until_ns][-1]
+        stamps_ns = self._camera.stamps_ns
+        chosen = (stamps_ns <= until_ns) & (self._segments == scale.segment)
         if not scale.converged or chosen.sum() < MIN_PAIRS:
             return np.inf
-        true = interpolate_poses(self._camera_truth.stamps_s, self._camera_truth.matrices(), stamps_s[chosen])
+        true = interpolate_poses(self._camera_truth.stamps_ns, self._camera_truth.matrices(), stamps_ns[chosen])
         aligned = align(self._camera.positions[chosen], true[:, :3, 3], AlignmentKind.SIM3)
         return 100.0 * abs(scale.value / (aligned.scale * wheels_per_true) - 1.0)
 
@@ -81,25 +81,25 @@ class FusedRun:
         steps_m = np.hypot(*np.diff(self.playback.wheel().positions[:, :2], axis=0).T)
         return float(steps_m.sum()) / self.path_m
 
-    def time_s(self, way_m: float) -> float:
+    def stamp_ns(self, way_m: float) -> int:
         """When the base has gone so far."""
         index = np.searchsorted(self._way_m, min(max(way_m, 0.0), self.path_m))
-        return float(self._base_truth.stamps_s[index])
+        return int(self._base_truth.stamps_ns[index])
 
-    def true_poses(self, stamps_s: Sequence[float]) -> np.ndarray:
+    def true_poses(self, stamps_ns: Sequence[int]) -> np.ndarray:
         """(n, 3) of the base, seen from where it was at the first wheel sample."""
-        origin = _in_plane(self._base_truth, self._base_truth.stamps_s[:1])[0]
-        return np.array([planar.between(origin, pose) for pose in _in_plane(self._base_truth, stamps_s)])
+        origin = _in_plane(self._base_truth, self._base_truth.stamps_ns[:1])[0]
+        return np.array([planar.between(origin, pose) for pose in _in_plane(self._base_truth, stamps_ns)])
 
     def published(self) -> Tuple[np.ndarray, np.ndarray]:
         """Stamps (n,) and poses (n, 3) of all outputs."""
         states = self.playback.states
-        return np.array([state.stamp_s for state in states]), np.array([state.pose for state in states])
+        return np.array([state.stamp_ns for state in states], np.int64), np.array([state.pose for state in states])
 
     def largest_jump_m(self) -> float:
         """Largest difference of an output's motion and the true motion."""
-        stamps_s, poses = self.published()
-        true = self.true_poses(stamps_s)
+        stamps_ns, poses = self.published()
+        true = self.true_poses(stamps_ns)
         errors = [
             planar.between(planar.between(*true[i : i + 2]), planar.between(*poses[i : i + 2]))[:2]
             for i in range(len(poses) - 1)
@@ -110,16 +110,16 @@ class FusedRun:
         """Distance of the last output from that of another run over the same way."""
         return float(np.hypot(*(self.published()[1][-1] - other.published()[1][-1])[:2]))
 
-    def wheel_drift_m(self, start_s: float, end_s: float) -> float:
+    def wheel_drift_m(self, start_ns: int, end_ns: int) -> float:
         """How far off the end would be with the wheels' motion instead of the true one between two stamps."""
-        before, after = _in_plane(self.playback.wheel(), [start_s, end_s])
-        true_start, true_end, true_last = self.true_poses([start_s, end_s, self._base_truth.stamps_s[-1]])
+        before, after = _in_plane(self.playback.wheel(), [start_ns, end_ns])
+        true_start, true_end, true_last = self.true_poses([start_ns, end_ns, self._base_truth.stamps_ns[-1]])
         drifted = planar.compose(true_start, planar.between(before, after))
         last = planar.compose(drifted, planar.between(true_end, true_last))
         return float(np.hypot(*(last - true_last)[:2]))
 
 
-def _in_plane(trajectory: Trajectory, stamps_s: Sequence[float]) -> np.ndarray:
+def _in_plane(trajectory: Trajectory, stamps_ns: Sequence[int]) -> np.ndarray:
     """(n, 3) x, y, yaw at n stamps."""
-    T = interpolate_poses(trajectory.stamps_s, trajectory.matrices(), np.asarray(stamps_s))
+    T = interpolate_poses(trajectory.stamps_ns, trajectory.matrices(), np.asarray(stamps_ns, np.int64))
     return np.column_stack([T[:, :2, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])

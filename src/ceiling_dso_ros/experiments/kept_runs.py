@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from ceiling_dso_ros import dso, simulation
 from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
@@ -48,9 +49,9 @@ class OdometryRun:
         statuses = []
         usable = (frame for frame in frames if isinstance(frame, Frame))
         for frame in itertools.islice(usable, self.first, None, self.every):
-            prediction = fusion.predicted_motion(statuses[-1], frame.stamp_s) if fusion and statuses else None
+            prediction = fusion.predicted_motion(statuses[-1], frame.stamp_ns) if fusion and statuses else None
             image = preprocess(frame.image)
-            statuses.append(odometry.track(image, frame.stamp_s, frame.exposure_ms, prediction))
+            statuses.append(odometry.track(image, frame.stamp_ns, frame.exposure_ms, prediction))
             if fusion is not None:
                 fusion.add(statuses[-1])
         return tuple(statuses)
@@ -84,8 +85,9 @@ class Kept:
         seen = tuple(event for event in config.events if event.partition("@")[0] not in UNSEEN_EVENTS)
         name = "_".join([config.sequence, config.ceiling, str(config.seed), *seen])
         statuses = self.statuses(SimulatedRecording(replace(config, events=seen, time_offset_s=0.0)), name)
-        late = (replace(status, stamp_s=status.stamp_s + config.time_offset_s) for status in statuses)
-        return SimulatedRecording(config), tuple(late) if config.time_offset_s else statuses
+        offset_ns = nanoseconds(config.time_offset_s)
+        late = (replace(status, stamp_ns=status.stamp_ns + offset_ns) for status in statuses)
+        return SimulatedRecording(config), tuple(late) if offset_ns else statuses
 
 
 def is_missing(folder: Path) -> bool:

@@ -10,6 +10,8 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind
 from ceiling_dso_ros.evaluation.association import interpolate_poses
 from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation, evaluate_trajectory
+from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.io.stamps import LATEST_NS
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
@@ -36,10 +38,10 @@ class TrackedRun:
             interpolate: align with the truth at the very stamps of the images, not at its nearest ones.
         """
         self.statuses = statuses
-        self._stamps_s = np.array([status.stamp_s for status in statuses])
-        within = np.clip(self._stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
-        self._T_true = interpolate_poses(truth.stamps_s, truth.matrices(), within)
-        self._true = Trajectory.from_matrices(self._stamps_s, self._T_true) if interpolate else truth
+        self._stamps_ns = np.array([status.stamp_ns for status in statuses], np.int64)
+        within = np.clip(self._stamps_ns, truth.stamps_ns[0], truth.stamps_ns[-1])
+        self._T_true = interpolate_poses(truth.stamps_ns, truth.matrices(), within)
+        self._true = Trajectory.from_matrices(self._stamps_ns, self._T_true) if interpolate else truth
         self._tracking = np.array([status.state is TrackingState.TRACKING for status in statuses])
         self.lost = sum(status.state is TrackingState.LOST for status in statuses)
         self.first_pose = int(np.argmax(self._tracking)) if self._tracking.any() else len(statuses)
@@ -80,17 +82,17 @@ class TrackedRun:
         """Share of the images from the first pose on that have one."""
         return 100.0 * float(self._tracking[self.first_pose :].mean()) if self._tracking.any() else 0.0
 
-    def tracking_within(self, start_s: float, end_s: float) -> int:
-        """Number of images with a pose whose stamps lie in [start_s, end_s]."""
-        return int(self._tracking[(self._stamps_s >= start_s) & (self._stamps_s <= end_s)].sum())
+    def tracking_within(self, start_ns: int, end_ns: int) -> int:
+        """Number of images with a pose whose stamps lie in [start_ns, end_ns]."""
+        return int(self._tracking[(self._stamps_ns >= start_ns) & (self._stamps_ns <= end_ns)].sum())
 
-    def motion_without_pose_s(self, start_s: float = np.inf, end_s: float = -np.inf) -> float:
-        """Longest time in motion between two poses, not counted from start_s to end_s, the time of an event.
+    def motion_without_pose_s(self, start_ns: int = LATEST_NS, end_ns: int = 0) -> float:
+        """Longest time in motion between two poses, not counted from start_ns to end_ns, the time of an event.
 
         What is missing at the end counts; what comes before the first pose does not, unless there is none.
         """
         moving = self._moving_s()
-        moving[(self._stamps_s >= start_s) & (self._stamps_s <= end_s)] = 0.0
+        moving[(self._stamps_ns >= start_ns) & (self._stamps_ns <= end_ns)] = 0.0
         begin = self.first_pose if self._tracking.any() else 0
         longest = gap = 0.0
         for tracking, step_s in zip(self._tracking[begin:], moving[begin:]):
@@ -104,7 +106,7 @@ class TrackedRun:
 
     def _moving_s(self) -> np.ndarray:
         """Time since the last image where the camera has moved in it, else 0, (N,)."""
-        steps_s = np.diff(self._stamps_s, prepend=self._stamps_s[0])
+        steps_s = seconds(np.diff(self._stamps_ns, prepend=self._stamps_ns[0]))
         steps_m = np.linalg.norm(np.diff(self._T_true[:, :3, 3], axis=0, prepend=self._T_true[:1, :3, 3]), axis=1)
         return np.where(steps_m > MOVING_M_S * steps_s, steps_s, 0.0)
 
@@ -115,12 +117,12 @@ class TrackedRun:
         of length is that of the segment as a whole.
         """
         nees = np.full(len(self.statuses), np.nan)
-        index = {stamp_s: i for i, stamp_s in enumerate(self._stamps_s)}
-        stamps_s = {k.keyframe_id: k.stamp_s for status in self.statuses for k in status.keyframes}
+        index = {status.stamp_ns: i for i, status in enumerate(self.statuses)}
+        stamps_ns = {k.keyframe_id: k.stamp_ns for status in self.statuses for k in status.keyframes}
         for i, status in enumerate(self.statuses):
             if status.covariance is None or status.is_keyframe or status.segment not in self._final:
                 continue
-            T_true = se3.inverse(self._T_true[index[stamps_s[status.keyframe_id]]]) @ self._T_true[i]
+            T_true = se3.inverse(self._T_true[index[stamps_ns[status.keyframe_id]]]) @ self._T_true[i]
             T_true[:3, 3] /= self._final[status.segment].alignment.scale
             error = se3.log(T_true @ se3.inverse(status.T_keyframe_camera))
             T_keyframe_world = status.T_keyframe_camera @ se3.inverse(status.T_world_camera)
@@ -137,19 +139,20 @@ class TrackedRun:
 
     def longest_wrong_s(self) -> float:
         """Longest time in which all poses are more than SIGMAS of their own covariances off."""
-        longest, since_s = 0.0, None
-        for stamp_s, nees, tracking in zip(self._stamps_s, self.normalised_errors_squared(), self._tracking):
+        longest_ns, since_ns = 0, None
+        for stamp_ns, nees, tracking in zip(self._stamps_ns, self.normalised_errors_squared(), self._tracking):
             if nees > SIGMAS**2:
-                since_s = stamp_s if since_s is None else since_s
-                longest = max(longest, stamp_s - since_s)
+                since_ns = stamp_ns if since_ns is None else since_ns
+                longest_ns = max(longest_ns, stamp_ns - since_ns)
             elif not (tracking and np.isnan(nees)):  # a keyframe refers to itself: no error, no verdict
-                since_s = None
-        return longest
+                since_ns = None
+        return seconds(longest_ns)
 
     def losses(self) -> List[str]:
         """When tracking was lost, in seconds from the first image, and what was said."""
-        start_s = self._stamps_s[0]
-        return [f"{s.stamp_s - start_s:.2f} s: {s.message}" for s in self.statuses if s.state is TrackingState.LOST]
+        lost = [status for status in self.statuses if status.state is TrackingState.LOST]
+        start_ns = self.statuses[0].stamp_ns
+        return [f"{seconds(status.stamp_ns - start_ns):.2f} s: {status.message}" for status in lost]
 
     def __str__(self) -> str:
         """In one line."""

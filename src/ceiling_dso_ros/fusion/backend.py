@@ -10,6 +10,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.durations import LONG_AGO_NS
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, SmoothedNode, WindowGraph, smooth
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
 from ceiling_dso_ros.fusion.slip import SlipMonitor
@@ -27,7 +28,7 @@ class KeyframeBackend:
         estimate: the newest keyframe as the graph sees it; None before the first.
         scale_known: the scale of the newest segment is known now.
         scale_was_known: it has been known at any time.
-        jump_s: when the last jump of the visual scale was noticed, on the wheels' clock.
+        jump_ns: when the last jump of the visual scale was noticed, nanoseconds on the wheels' clock.
         off_floor: the newest step of the camera was no motion on a floor and was not used.
         monitor: the slips.
     """
@@ -43,7 +44,7 @@ class KeyframeBackend:
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
         self.scale_was_known = False
-        self.jump_s = -math.inf
+        self.jump_ns = LONG_AGO_NS
         self.off_floor = False
 
     @property
@@ -70,27 +71,27 @@ class KeyframeBackend:
                 self._graph.revise(refined.node, visual=visual)
         return new
 
-    def add(self, keyframe: KeyframeEstimate, stamp_s: float, track: WheelTrack) -> bool:
+    def add(self, keyframe: KeyframeEstimate, stamp_ns: int, track: WheelTrack) -> bool:
         """Make a new keyframe a node.
 
         Args:
             keyframe: one of those that `refine` has returned, in their order.
-            stamp_s: of its image, on the wheels' clock.
+            stamp_ns: of its image, on the wheels' clock.
             track: the wheels, which have been heard of after that.
 
         Returns:
             False when the wheels' motion up to it is not known any more, so that it cannot become a node.
         """
-        wheels = track.since_mark(stamp_s)
+        wheels = track.since_mark(stamp_ns)
         if wheels is None:
             return False
         visual = self._motion_to(keyframe)
         interval = self._judged(
-            Interval(self._graph.newest + 1, stamp_s, wheels, visual, self._chain.continues(keyframe))
+            Interval(self._graph.newest + 1, stamp_ns, wheels, visual, self._chain.continues(keyframe))
         )
         self._bias.learn(interval)
         self._graph.add(self._bridged(interval, track))
-        track.mark(stamp_s, self._bias.constants)
+        track.mark(stamp_ns, self._bias.constants)
         self._chain.link(interval.end, keyframe)
         self._mend_jump(interval)
         self.estimate = self._estimate()
@@ -149,18 +150,18 @@ class KeyframeBackend:
         """Where the camera saw nothing: with the wheels as they have been of late."""
         if interval.visual is not None or self._config.graph.estimate_wheels:
             return interval
-        return replace(interval, wheels=self._bias.bridge(track.corrected_since_mark(interval.stamp_s)))
+        return replace(interval, wheels=self._bias.bridge(track.corrected_since_mark(interval.stamp_ns)))
 
     def _mend_jump(self, newest: Interval) -> None:
         """After a jump of the visual scale: begin a new scale there, and believe the wheels again."""
         start = self.monitor.scale_jump()
         if start is None:
             return
-        self.jump_s = newest.stamp_s
+        self.jump_ns = newest.stamp_ns
         self._graph.revise(start, continues=False)
         for end in range(start, newest.end + 1):
             self._graph.revise(end, wheels_slip=False)
-        self.monitor.forget(next(i.wheels.start_s for i in self._graph.intervals if i.end == start))
+        self.monitor.forget(next(i.wheels.start_ns for i in self._graph.intervals if i.end == start))
 
     def _estimate(self) -> GraphEstimate:
         """By the graph; unless that estimates the wheels' constants, with those that the wheels have had of late."""

@@ -7,6 +7,7 @@ from typing import Dict, Iterable, List, Sequence
 import numpy as np
 
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.fusion.durations import NANOSECONDS, nanoseconds, seconds
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
 PAIR_S = 0.4  # between the images of a pair
@@ -17,7 +18,7 @@ LARGEST_OFFSET_S = 0.2
 class CameraPose:
     """Pose of the camera at an image: stamp, segment of the visual odometry, (4, 4) in its world and unit."""
 
-    stamp_s: float
+    stamp_ns: int
     segment: int
     T_world_camera: np.ndarray
 
@@ -30,7 +31,7 @@ def camera_poses(statuses: Iterable[OdometryStatus]) -> List[CameraPose]:
         keyframes.update((keyframe.keyframe_id, keyframe.T_world_camera) for keyframe in status.keyframes)
         if status.state is TrackingState.TRACKING:
             tracked.append(status)
-    return [CameraPose(s.stamp_s, s.segment, keyframes[s.keyframe_id] @ s.T_keyframe_camera) for s in tracked]
+    return [CameraPose(s.stamp_ns, s.segment, keyframes[s.keyframe_id] @ s.T_keyframe_camera) for s in tracked]
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,13 @@ class ImagePair:
     """Motion of the camera between two images.
 
     Attributes:
-        start_s, end_s: their stamps.
+        start_ns, end_ns: their stamps, nanoseconds.
         segment: of the visual odometry.
         rotation, translation: (3, 3) and (3,) of the second camera in the first, VO units.
     """
 
-    start_s: float
-    end_s: float
+    start_ns: int
+    end_ns: int
     segment: int
     rotation: np.ndarray
     translation: np.ndarray
@@ -54,12 +55,12 @@ class WheelPath:
     """The wheels' path as a function of ratio and base.
 
     Attributes:
-        stamps_s: (n,) of the samples.
+        stamps_ns: (n,) int64 of the samples.
     """
 
     def __init__(self, steps: Sequence[WheelStep], wheel_base_m: float) -> None:
-        self.stamps_s = np.array([steps[0].start_s, *(step.end_s for step in steps)])
-        self._ages_s = self.stamps_s - self.stamps_s[0]  # small numbers, which can be shifted by nanoseconds
+        self.stamps_ns = np.array([steps[0].start_ns, *(step.end_ns for step in steps)], np.int64)
+        self._ages_s = (self.stamps_ns - self.stamps_ns[0]) / NANOSECONDS
         self._twists = np.array([step.twist for step in steps])
         self._base = wheel_base_m
 
@@ -77,7 +78,8 @@ class WheelPath:
 
     def motions(self, pairs: Sequence[ImagePair], offset_s: float, ratio: float, base: float) -> np.ndarray:
         """(n, 3) motion between the images of each pair, seen from the first."""
-        start_s, end_s = (np.array([[p.start_s, p.end_s] for p in pairs]) - self.stamps_s[0]).T
+        stamps_ns = np.array([[p.start_ns, p.end_ns] for p in pairs], np.int64)
+        start_s, end_s = ((stamps_ns - self.stamps_ns[0]) / NANOSECONDS).T
         first = self.poses(start_s + offset_s, ratio, base)
         second = self.poses(end_s + offset_s, ratio, base)
         c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
@@ -87,16 +89,17 @@ class WheelPath:
 
 def image_pairs(poses: Sequence[CameraPose], wheels: WheelPath) -> List[ImagePair]:
     """Consecutive images PAIR_S apart, within the wheels' record, between which the robot moved."""
-    first_s, last_s = wheels.stamps_s[0] + LARGEST_OFFSET_S, wheels.stamps_s[-1] - LARGEST_OFFSET_S
+    margin_ns = nanoseconds(LARGEST_OFFSET_S)
+    first_ns, last_ns = wheels.stamps_ns[0] + margin_ns, wheels.stamps_ns[-1] - margin_ns
     pairs, before = [], None
     for pose in poses:
-        if not first_s <= pose.stamp_s <= last_s:
+        if not first_ns <= pose.stamp_ns <= last_ns:
             continue
-        if before is not None and pose.segment == before.segment and pose.stamp_s - before.stamp_s < PAIR_S:
+        if before is not None and pose.segment == before.segment and seconds(pose.stamp_ns - before.stamp_ns) < PAIR_S:
             continue
         if before is not None and pose.segment == before.segment:
             T = np.linalg.inv(before.T_world_camera) @ pose.T_world_camera
-            pairs.append(ImagePair(before.stamp_s, pose.stamp_s, pose.segment, T[:3, :3], T[:3, 3]))
+            pairs.append(ImagePair(before.stamp_ns, pose.stamp_ns, pose.segment, T[:3, :3], T[:3, 3]))
         before = pose
     if not pairs:
         return pairs

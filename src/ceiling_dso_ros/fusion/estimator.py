@@ -6,7 +6,6 @@ image is taken in as soon as the wheels have been heard of after it, a keyframe 
 
 import bisect
 import itertools
-import math
 from collections import deque
 from typing import Deque, List, Optional, Tuple, Union
 
@@ -18,6 +17,7 @@ from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, Trackin
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds, seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate, SmoothedNode
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
@@ -29,7 +29,7 @@ from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
-SLIP_PERSISTS_S = 0.1  # the wheels are believed again so long after they last contradicted an image
+SLIP_PERSISTS_NS = nanoseconds(0.1)  # the wheels are believed again so long after they last contradicted an image
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
 
@@ -50,6 +50,7 @@ class FusionEstimator:
         config.check()
         se3.adjoint(se3.inverse(np.eye(4)))  # compiled or loaded here, not between two wheel samples
         self.robot = robot
+        self._camera_offset_ns = nanoseconds(robot.camera_time_offset_s)
         self.config = config
         self._keep_history = keep_history
         self.reset()
@@ -63,22 +64,22 @@ class FusionEstimator:
         self._health = Health(self.config)
         self._output: Optional[LiveOutput] = None
         self._origin = np.zeros(3)
-        self._waiting: List[Tuple[float, int, Union[KeyframeEstimate, OdometryStatus]]] = []
+        self._waiting: List[Tuple[int, int, Union[KeyframeEstimate, OdometryStatus]]] = []
         self._count = itertools.count()
-        self._slipping_until_s = -math.inf
+        self._slipping_until_ns = LONG_AGO_NS
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
 
-    def add_wheel_ticks(self, stamp_s: float, left: int, right: int) -> Optional[FusedState]:
+    def add_wheel_ticks(self, stamp_ns: int, left: int, right: int) -> Optional[FusedState]:
         """Take in int32 encoder counters; returns the new output, None for the first sample and for one not used."""
-        return self._add_step(self.wheels.add_ticks(stamp_s, left, right))
+        return self._add_step(self.wheels.add_ticks(stamp_ns, left, right))
 
-    def add_wheel_angles(self, stamp_s: float, left_rad: float, right_rad: float) -> Optional[FusedState]:
+    def add_wheel_angles(self, stamp_ns: int, left_rad: float, right_rad: float) -> Optional[FusedState]:
         """Take in wheel angles; returns as `add_wheel_ticks`."""
-        return self._add_step(self.wheels.add_angles(stamp_s, left_rad, right_rad))
+        return self._add_step(self.wheels.add_angles(stamp_ns, left_rad, right_rad))
 
-    def add_wheel_odometry(self, stamp_s: float, pose: np.ndarray) -> Optional[FusedState]:
+    def add_wheel_odometry(self, stamp_ns: int, pose: np.ndarray) -> Optional[FusedState]:
         """Take in the (3,) pose x, y, yaw of an odometry that the robot has already; returns as `add_wheel_ticks`."""
-        return self._add_step(self.wheels.add_pose(stamp_s, pose))
+        return self._add_step(self.wheels.add_pose(stamp_ns, pose))
 
     def add_keyframes(self, status: OdometryStatus) -> Optional[FusedState]:
         """Take in the keyframes as refined with a status; returns an output only while the wheels are silent."""
@@ -88,7 +89,7 @@ class FusionEstimator:
 
     def add_frame(self, status: OdometryStatus) -> Optional[FusedState]:
         """Take in the pose of a tracked image, or that there is none; returns as `add_keyframes`."""
-        self._health.heard_camera(self._on_wheel_clock(status.stamp_s), status)
+        self._health.heard_camera(self._on_wheel_clock(status.stamp_ns), status)
         if status.state is TrackingState.TRACKING:
             self._wait(status)
         return self._take_in(status)
@@ -113,13 +114,13 @@ class FusionEstimator:
         """When the wheels were not believed."""
         return self._backend.monitor.reports
 
-    def predict_camera_motion(self, start_s: float, end_s: float) -> Optional[CameraMotion]:
+    def predict_camera_motion(self, start_ns: int, end_ns: int) -> Optional[CameraMotion]:
         """How the camera has moved between two image stamps by the wheels; None before wheels and a first keyframe."""
         estimate = self._backend.estimate
         if estimate is None or self._track.empty:
             return None
-        start_s, end_s = self._on_wheel_clock(start_s), self._on_wheel_clock(end_s)
-        return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, start_s, end_s)
+        span_ns = self._on_wheel_clock(start_ns), self._on_wheel_clock(end_ns)
+        return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, *span_ns)
 
     def finish(self) -> None:
         """The recording is over: use what waits for a wheel sample after it, as a keyframe of the last image does."""
@@ -134,20 +135,20 @@ class FusionEstimator:
             return None
         self._health.heard_wheels(step)
         if not self._track.empty:  # nothing is cut off, unless the wheels were silent and have been bridged
-            step = step.clip(self._track.end_s, step.end_s)
+            step = step.clip(self._track.end_ns, step.end_ns)
         return None if step is None else self._advance(step)
 
     def _advance(self, step: WheelStep) -> FusedState:
         """One output later: wheels first, then the images that have been waiting for them."""
         if self._output is None:
-            self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_s)
+            self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_ns)
         self._track.add(step)
-        step = self._output.predict(step, slipping=step.end_s < self._slipping_until_s)
+        step = self._output.predict(step, slipping=step.end_ns < self._slipping_until_ns)
         self._use_waiting()
         pose, twist, twist_covariance = self._output.publish(step)
-        state, reasons = self._health.judge(step.end_s, self._backend)
+        state, reasons = self._health.judge(step.end_ns, self._backend)
         return FusedState(
-            step.end_s,
+            step.end_ns,
             planar.compose(self._origin, pose.pose),
             planar.rotate_covariance(pose.covariance, self._origin[2]),
             twist,
@@ -159,40 +160,40 @@ class FusionEstimator:
 
     def _use_waiting(self) -> None:
         """Use what came from the camera for times that the wheels have reached by now."""
-        while self._waiting and not self._track.empty and self._waiting[0][0] <= self._track.end_s:
-            stamp_s, _, item = self._waiting.pop(0)
+        while self._waiting and not self._track.empty and self._waiting[0][0] <= self._track.end_ns:
+            stamp_ns, _, item = self._waiting.pop(0)
             if isinstance(item, KeyframeEstimate):
-                self._use_keyframe(item, stamp_s)
+                self._use_keyframe(item, stamp_ns)
             else:
                 self._use_frame(item)
 
-    def _on_wheel_clock(self, stamp_s: float) -> float:
-        return stamp_s + self.robot.camera_time_offset_s
+    def _on_wheel_clock(self, stamp_ns: int) -> int:
+        return stamp_ns + self._camera_offset_ns
 
     def _wait(self, item: Union[KeyframeEstimate, OdometryStatus]) -> None:
         """Keep an item of the camera until the wheels are heard of after it; before they ever were it is of no use."""
         if not self.wheels.heard:
             return
-        bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_s), next(self._count), item))
+        bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_ns), next(self._count), item))
 
     def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
         """While the wheels are silent, go on without them from image to image."""
-        now_s = self._on_wheel_clock(status.stamp_s)
-        if self._track.empty or not self._health.wheels_silent(now_s) or now_s <= self._track.end_s:
+        now_ns = self._on_wheel_clock(status.stamp_ns)
+        if self._track.empty or not self._health.wheels_silent(now_ns) or now_ns <= self._track.end_ns:
             return None
         guess = np.zeros(3)
         if status.state is TrackingState.TRACKING and self._backend.scale_known:  # which will correct it
-            guess[::2] = (now_s - self._track.end_s) * self._output.twist
-        return self._advance(WheelStep(self._track.end_s, now_s, guess, known=False))
+            guess[::2] = seconds(now_ns - self._track.end_ns) * self._output.twist
+        return self._advance(WheelStep(self._track.end_ns, now_ns, guess, known=False))
 
-    def _use_keyframe(self, keyframe: KeyframeEstimate, stamp_s: float) -> None:
-        if not self._backend.add(keyframe, stamp_s, self._track) or not self._backend.scale_was_known:
+    def _use_keyframe(self, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
+        if not self._backend.add(keyframe, stamp_ns, self._track) or not self._backend.scale_was_known:
             return
         estimate = self._backend.estimate
         sightings = [
-            self._sighting(status) for status in self._frames if self._on_wheel_clock(status.stamp_s) > stamp_s
+            self._sighting(status) for status in self._frames if self._on_wheel_clock(status.stamp_ns) > stamp_ns
         ]
-        steps = self._track.steps(estimate.stamp_s, self._track.end_s)
+        steps = self._track.steps(estimate.stamp_ns, self._track.end_ns)
         self._output.restart(estimate, [*steps, *(sighting for sighting in sightings if sighting is not None)])
 
     def _use_frame(self, status: OdometryStatus) -> None:
@@ -208,14 +209,15 @@ class FusionEstimator:
         visual = self._backend.motion_between(before, status) if before and self._backend.scale_known else None
         if visual is None:
             return
-        start_s, end_s = self._on_wheel_clock(before.stamp_s), self._on_wheel_clock(status.stamp_s)
-        if not 0.0 < end_s - start_s < LONGEST_FRAME_GAP_S:
+        start_ns, end_ns = self._on_wheel_clock(before.stamp_ns), self._on_wheel_clock(status.stamp_ns)
+        gap_s = seconds(end_ns - start_ns)
+        if not 0.0 < gap_s < LONGEST_FRAME_GAP_S:
             return
-        if self._backend.wheels_contradict(self._track.motion(start_s, end_s), visual):
-            self._slipping_until_s = end_s + SLIP_PERSISTS_S
-        rate = visual.base_motion(self.scale.value)[::2] / (end_s - start_s)
-        sigmas = np.diag(self._sight_covariance(visual))[::2] * 2.0 / (end_s - start_s) ** 2
-        self._output.correct_twist(end_s, rate, np.diag(sigmas))
+        if self._backend.wheels_contradict(self._track.motion(start_ns, end_ns), visual):
+            self._slipping_until_ns = end_ns + SLIP_PERSISTS_NS
+        rate = visual.base_motion(self.scale.value)[::2] / gap_s
+        sigmas = np.diag(self._sight_covariance(visual))[::2] * 2.0 / gap_s**2
+        self._output.correct_twist(end_ns, rate, np.diag(sigmas))
 
     def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
         """(3, 3) covariance of where the camera sees the base, metres and rad."""
@@ -232,4 +234,4 @@ class FusionEstimator:
         if visual is None:
             return None
         pose = visual.base_motion(self.scale.value)
-        return Sighting(self._on_wheel_clock(status.stamp_s), pose, self._sight_covariance(visual))
+        return Sighting(self._on_wheel_clock(status.stamp_ns), pose, self._sight_covariance(visual))

@@ -34,7 +34,7 @@ class Interval:
 
     Attributes:
         end: number of the later node.
-        stamp_s: its stamp.
+        stamp_ns: its stamp.
         wheels: motion of the wheels.
         visual: motion of the camera; None when there is none, or none that can be used.
         continues: the scale of the end follows from that of the start: same segment, no jump.
@@ -42,7 +42,7 @@ class Interval:
     """
 
     end: int
-    stamp_s: float
+    stamp_ns: int
     wheels: WheelMotion
     visual: Optional[VisualMotion] = None
     continues: bool = False
@@ -54,7 +54,7 @@ class GraphEstimate:
     """The newest keyframe as the graph sees it.
 
     Attributes:
-        stamp_s: its stamp.
+        stamp_ns: its stamp.
         pose: (3,) base in odom.
         covariance: (3, 3) of the pose, mean wheel radius taken as exact.
         log_scale: logarithm of metres per visual unit.
@@ -63,7 +63,7 @@ class GraphEstimate:
         constants_covariance: (2, 2) of them.
     """
 
-    stamp_s: float
+    stamp_ns: int
     pose: np.ndarray
     covariance: np.ndarray
     log_scale: float
@@ -253,7 +253,7 @@ class WindowGraph:
         wheels = [factors.WHEEL_KEY] if self._estimate_wheels else []
         covariance = joint_covariance(linear, [pose_key, scale_key, *wheels], 4 + 2 * len(wheels))
         return GraphEstimate(
-            self._intervals[-1].stamp_s,
+            self._intervals[-1].stamp_ns,
             np.array([pose.x(), pose.y(), pose.theta()]),
             covariance[:3, :3],
             values.atDouble(scale_key),
@@ -284,7 +284,7 @@ class WindowGraph:
 class SmoothedNode:
     """One keyframe of the whole graph's solution."""
 
-    stamp_s: float
+    stamp_ns: int
     pose: np.ndarray
     log_scale: float
 
@@ -317,7 +317,7 @@ def smooth(intervals: Sequence[Interval], config: FusionConfig, noise: WheelNois
         found = solution.atPose2(factors.pose_key(interval.end))
         nodes.append(
             SmoothedNode(
-                interval.stamp_s,
+                interval.stamp_ns,
                 np.array([found.x(), found.y(), found.theta()]),
                 solution.atDouble(factors.scale_key(interval.end)),
             )

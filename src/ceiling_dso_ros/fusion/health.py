@@ -1,11 +1,11 @@
 """Which sensor is missing or not believed, and why."""
 
-import math
 from typing import Optional, Tuple
 
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, seconds
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
@@ -17,58 +17,58 @@ class Health:
 
     def __init__(self, config: FusionConfig) -> None:
         self._config = config
-        self._wheels_s = -math.inf
-        self._restarted_s = -math.inf
-        self._camera_s = -math.inf
+        self._wheels_ns = LONG_AGO_NS
+        self._restarted_ns = LONG_AGO_NS
+        self._camera_ns = LONG_AGO_NS
         self._camera: Optional[OdometryStatus] = None
 
     def heard_wheels(self, step: WheelStep) -> None:
         """Take note of a wheel step."""
-        self._wheels_s = step.end_s
+        self._wheels_ns = step.end_ns
         if not step.known:
-            self._restarted_s = step.end_s
+            self._restarted_ns = step.end_ns
 
-    def heard_camera(self, stamp_s: float, status: OdometryStatus) -> None:
+    def heard_camera(self, stamp_ns: int, status: OdometryStatus) -> None:
         """Take note of an image, stamped on the wheels' clock."""
-        self._camera_s = max(stamp_s, self._camera_s)
+        self._camera_ns = max(stamp_ns, self._camera_ns)
         self._camera = status
 
-    def wheels_silent(self, now_s: float) -> bool:
+    def wheels_silent(self, now_ns: int) -> bool:
         """No wheel sample for too long."""
-        return now_s - self._wheels_s > self._config.wheels.silence_s
+        return seconds(now_ns - self._wheels_ns) > self._config.wheels.silence_s
 
-    def judge(self, now_s: float, backend: KeyframeBackend) -> Tuple[FusionState, Tuple[str, ...]]:
+    def judge(self, now_ns: int, backend: KeyframeBackend) -> Tuple[FusionState, Tuple[str, ...]]:
         """The state at a time, and the reasons why it is not CONVERGED."""
         reasons = tuple(
-            reason for reason in (self._wheels(now_s, backend), self._eyes(now_s), _scale(now_s, backend)) if reason
+            reason for reason in (self._wheels(now_ns, backend), self._eyes(now_ns), _scale(now_ns, backend)) if reason
         )
         if not backend.scale_was_known:
             return FusionState.NOT_SCALED, reasons
         return (FusionState.DEGRADED if reasons else FusionState.CONVERGED), reasons
 
-    def _wheels(self, now_s: float, backend: KeyframeBackend) -> str:
-        if self.wheels_silent(now_s):
-            return f"wheels: silent for {now_s - self._wheels_s:.1f} s"
-        if now_s - self._restarted_s < SHOWN_S:
+    def _wheels(self, now_ns: int, backend: KeyframeBackend) -> str:
+        if self.wheels_silent(now_ns):
+            return f"wheels: silent for {seconds(now_ns - self._wheels_ns):.1f} s"
+        if seconds(now_ns - self._restarted_ns) < SHOWN_S:
             return "wheels: counters restarted"
         reports = backend.monitor.reports
-        return "wheels: slip" if reports and now_s - reports[-1].end_s < SHOWN_S else ""
+        return "wheels: slip" if reports and seconds(now_ns - reports[-1].end_ns) < SHOWN_S else ""
 
-    def _eyes(self, now_s: float) -> str:
+    def _eyes(self, now_ns: int) -> str:
         if self._camera is None:
             return "camera: no image yet"
-        if now_s - self._camera_s > self._config.visual.silence_s:
-            return f"camera: silent for {now_s - self._camera_s:.1f} s"
+        if seconds(now_ns - self._camera_ns) > self._config.visual.silence_s:
+            return f"camera: silent for {seconds(now_ns - self._camera_ns):.1f} s"
         if self._camera.state is not TrackingState.TRACKING:
             detail = f" ({self._camera.message})" if self._camera.message else ""
             return f"camera: {self._camera.state.value}{detail}"
         return ""
 
 
-def _scale(now_s: float, backend: KeyframeBackend) -> str:
+def _scale(now_ns: int, backend: KeyframeBackend) -> str:
     if backend.off_floor:
         return "camera: moved as a robot on a floor cannot"
-    if now_s - backend.jump_s < SHOWN_S:
+    if seconds(now_ns - backend.jump_ns) < SHOWN_S:
         return "scale: jumped"
     if backend.scale_known:
         return ""

@@ -6,13 +6,13 @@ from the last status that holds both: after that one of them is no longer refine
 are enough, since they carry all that the chain of poses says, and their errors are nearly independent.
 """
 
-import math
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.fusion.durations import LONG_AGO_NS
 
 
 class NodeLink(NamedTuple):
@@ -37,7 +37,7 @@ class KeyframeChain:
         self._poses: Dict[int, KeyframeEstimate] = {}
         self._links: List[NodeLink] = []
         self._newest_id = -1
-        self._newest_s = -math.inf
+        self._newest_ns = LONG_AGO_NS
 
     @property
     def segment(self) -> int:
@@ -48,12 +48,12 @@ class KeyframeChain:
         """Take in the window as last refined, not empty; returns the keyframes that were not known, in their order."""
         newest = max(keyframes, key=lambda k: k.keyframe_id)
         if newest.keyframe_id < self._newest_id:
-            if newest.stamp_s <= self._newest_s:
+            if newest.stamp_ns <= self._newest_ns:
                 return []  # a window that comes late
             self._links, self._newest_id = [], -1  # the odometry was reset and counts anew
         self._poses = {keyframe.keyframe_id: keyframe for keyframe in keyframes}
         new = sorted((k for k in keyframes if k.keyframe_id > self._newest_id), key=lambda k: k.keyframe_id)
-        self._newest_id, self._newest_s = newest.keyframe_id, newest.stamp_s
+        self._newest_id, self._newest_ns = newest.keyframe_id, newest.stamp_ns
         self._links = [link for link in self._links[:-1] if link.keyframe_id in self._poses] + self._links[-1:]
         return new
 

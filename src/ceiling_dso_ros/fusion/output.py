@@ -14,6 +14,7 @@ from filterpy.kalman import KalmanFilter
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
@@ -73,7 +74,7 @@ class TwistFilter:
         self._filter.F = np.eye(2)
         self._filter.inv = planar.inverse_2x2
         self._filter.P = np.diag(self._accelerations**2)
-        self._stamp_s: Optional[float] = None
+        self._stamp_ns: Optional[int] = None
 
     @property
     def twist(self) -> np.ndarray:
@@ -87,19 +88,19 @@ class TwistFilter:
 
     def add_step(self, step: WheelStep) -> None:
         """Take in the wheels' rate."""
-        dt = step.end_s - step.start_s
+        dt = step.duration_s
         covariance = (self._noise.white(step) + self._noise.resolution)[::2, ::2] / dt**2
-        self._update(step.end_s, step.rate[::2], covariance)
+        self._update(step.end_ns, step.rate[::2], covariance)
 
-    def add_rate(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
+    def add_rate(self, stamp_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
         """Take in (2,) forward speed and yaw rate from another source, with (2, 2) covariance."""
-        self._update(stamp_s, rate, covariance)
+        self._update(stamp_ns, rate, covariance)
 
-    def _update(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
-        if self._stamp_s is not None:
-            dt = max(0.0, stamp_s - self._stamp_s)
+    def _update(self, stamp_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
+        if self._stamp_ns is not None:
+            dt = max(0.0, seconds(stamp_ns - self._stamp_ns))
             self._filter.predict(Q=np.diag(self._accelerations * dt) ** 2)
-        self._stamp_s = stamp_s
+        self._stamp_ns = stamp_ns
         self._filter.update(rate.reshape(2, 1), R=covariance)
 
 
@@ -109,15 +110,15 @@ class LiveOutput:
     Args:
         config: of the output.
         noise: error model of the wheels.
-        stamp_s: of the first wheel sample, which is where the pose is zero.
+        stamp_ns: of the first wheel sample, which is where the pose is zero.
     """
 
-    def __init__(self, config: OutputConfig, noise: WheelNoise, stamp_s: float) -> None:
+    def __init__(self, config: OutputConfig, noise: WheelNoise, stamp_ns: int) -> None:
         self._noise = noise
         self._keyframe = Estimate(np.zeros(3), np.zeros((3, 3)))
         self._relative = RelativeFilter(noise)
         constants = noise.constants_covariance(with_radius=False)[1:, 1:]
-        self._relative.restart(stamp_s, np.zeros(2), constants, [])
+        self._relative.restart(stamp_ns, np.zeros(2), constants, [])
         self._blended = BlendedPose(config, np.zeros(3))
         self._twist = TwistFilter(config, noise)
 
@@ -134,12 +135,12 @@ class LiveOutput:
     def restart(self, estimate: GraphEstimate, events: Sequence[Union[WheelStep, Sighting]]) -> None:
         """Go on from the graph's newest keyframe; events are the wheel steps and sightings after it."""
         self._keyframe = Estimate(estimate.pose, estimate.covariance)
-        self._relative.restart(estimate.stamp_s, estimate.constants, estimate.constants_covariance, events)
+        self._relative.restart(estimate.stamp_ns, estimate.constants, estimate.constants_covariance, events)
 
     def predict(self, step: WheelStep, slipping: bool) -> WheelStep:
         """Take in the newest wheel step; returns what is believed of it."""
         if slipping:  # the robot is taken to go on as it did; the images will correct that
-            forward, turn = (step.end_s - step.start_s) * self.twist
+            forward, turn = step.duration_s * self.twist
             step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
         elif step.known:
             self._twist.add_step(step)
@@ -150,9 +151,9 @@ class LiveOutput:
         """Take in a tracked image."""
         self._relative.correct(sighting)
 
-    def correct_twist(self, stamp_s: float, rate: np.ndarray, covariance: np.ndarray) -> None:
+    def correct_twist(self, stamp_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
         """Take in (2,) forward speed and yaw rate that the camera saw, with (2, 2) covariance."""
-        self._twist.add_rate(stamp_s, rate, covariance)
+        self._twist.add_rate(stamp_ns, rate, covariance)
 
     def publish(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
         """The output after a believed step: pose in odom with covariance, (2,) twist and its (2, 2) covariance."""
@@ -162,7 +163,7 @@ class LiveOutput:
             planar.compose(self._keyframe.pose, relative.pose),
             back @ self._keyframe.covariance @ back.T + relative.covariance[:3, :3],
         )
-        blended = self._blended.follow(planar.expmap(step.twist), step.end_s - step.start_s, best)
+        blended = self._blended.follow(planar.expmap(step.twist), step.duration_s, best)
         covariance = planar.rotate_covariance(blended.covariance, blended.pose[2])
         position = blended.pose[:2]  # a wrong mean radius scales the whole way
         covariance[:2, :2] += self._noise.config.radius_sigma**2 * np.outer(position, position)

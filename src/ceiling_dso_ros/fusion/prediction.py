@@ -5,6 +5,7 @@ import numpy as np
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
@@ -18,8 +19,8 @@ def predict_camera_motion(
     noise: WheelNoise,
     T_base_camera: np.ndarray,
     estimate: GraphEstimate,
-    start_s: float,
-    end_s: float,
+    start_ns: int,
+    end_ns: int,
 ) -> CameraMotion:
     """The wheels' motion in the camera's frame and unit; after the newest sample they are taken to go on as before.
 
@@ -28,14 +29,15 @@ def predict_camera_motion(
         noise: their error model.
         T_base_camera: (4, 4) of the camera.
         estimate: scale and constants of the wheels as known now.
-        start_s: of the earlier image, on the wheels' clock.
-        end_s: of the later image.
+        start_ns: stamp of the earlier image, on the wheels' clock.
+        end_ns: stamp of the later image, likewise.
     """
     constants = np.zeros((3, 3))
     constants[1:, 1:] = estimate.constants_covariance
-    motion = track.motion(start_s, min(end_s, track.end_s))
-    if end_s > motion.end_s:
-        motion = noise.extend(motion, WheelStep(motion.end_s, end_s, track.newest.rate * (end_s - motion.end_s)))
+    motion = track.motion(start_ns, min(end_ns, track.end_ns))
+    if end_ns > motion.end_ns:
+        further = track.newest.rate * seconds(end_ns - motion.end_ns)
+        motion = noise.extend(motion, WheelStep(motion.end_ns, end_ns, further))
     shift = motion.jacobian[:, 1:] @ estimate.constants
     base = planar.lift(planar.compose(motion.pose, shift))
     own = np.diag([0.0, 0.0, WOBBLE_M, WOBBLE_RAD, WOBBLE_RAD, 0.0]) ** 2

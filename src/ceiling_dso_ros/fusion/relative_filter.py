@@ -8,6 +8,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 
 GATE = 30.0  # chi-square of three degrees of freedom: passed by all but one in a million
@@ -18,12 +19,12 @@ class Sighting:
     """Pose of the base at an image as the camera sees it from the keyframe.
 
     Attributes:
-        stamp_s: of the image.
+        stamp_ns: of the image.
         pose: (3,) seen from the base at the keyframe, metres.
         covariance: (3, 3) of it.
     """
 
-    stamp_s: float
+    stamp_ns: int
     pose: np.ndarray
     covariance: np.ndarray
 
@@ -33,13 +34,13 @@ class RelativeState:
     """Where the base is, seen from where it was at the keyframe.
 
     Attributes:
-        stamp_s: seconds.
+        stamp_ns: nanoseconds.
         pose: (3,).
         constants: (2,) logarithms of wheel ratio and wheel base relative to nominal.
         covariance: (5, 5) of pose and constants.
     """
 
-    stamp_s: float
+    stamp_ns: int
     pose: np.ndarray
     constants: np.ndarray
     covariance: np.ndarray
@@ -59,7 +60,7 @@ class RelativeFilter:
 
     def __init__(self, noise: WheelNoise, history_s: float = 1.0) -> None:
         self._noise = noise
-        self._history_s = history_s
+        self._history_ns = nanoseconds(history_s)
         self._filter = KalmanFilter(dim_x=5, dim_z=3)
         self._filter.H = np.eye(3, 5)
         self._filter.inv = planar.inverse_3x3
@@ -73,7 +74,7 @@ class RelativeFilter:
 
     def restart(
         self,
-        stamp_s: float,
+        stamp_ns: int,
         constants: np.ndarray,
         constants_covariance: np.ndarray,
         events: Sequence[Union[WheelStep, Sighting]],
@@ -81,7 +82,7 @@ class RelativeFilter:
         """Begin at a keyframe and replay what came after it.
 
         Args:
-            stamp_s: of the keyframe.
+            stamp_ns: of the keyframe.
             constants: (2,) of the wheels.
             constants_covariance: (2, 2) of them.
             events: wheel steps and sightings since, seen from this keyframe, in any order.
@@ -89,7 +90,7 @@ class RelativeFilter:
         covariance = np.zeros((5, 5))
         covariance[:3, :3] = self._noise.resolution
         covariance[3:, 3:] = constants_covariance
-        self._root = RelativeState(stamp_s, np.zeros(3), np.array(constants), covariance)
+        self._root = RelativeState(stamp_ns, np.zeros(3), np.array(constants), covariance)
         self._entries.clear()
         for event in events:
             if isinstance(event, WheelStep):
@@ -101,21 +102,21 @@ class RelativeFilter:
     def predict(self, step: WheelStep) -> None:
         """Append a wheel step that begins where the last ended."""
         self._entries.append(_Entry(step, self._predicted(self.state, step)))
-        oldest_s = step.end_s - self._history_s
-        while self._entries[0].after.stamp_s < oldest_s:
+        oldest_ns = step.end_ns - self._history_ns
+        while self._entries[0].after.stamp_ns < oldest_ns:
             self._root = self._entries.popleft().after
 
     def correct(self, sighting: Sighting) -> bool:
         """Take in an image; False when it is older than what is remembered, or newer than the wheels."""
-        if not self._root.stamp_s <= sighting.stamp_s <= self.state.stamp_s:
+        if not self._root.stamp_ns <= sighting.stamp_ns <= self.state.stamp_ns:
             return False
         later = []
-        while self._entries and self._entries[-1].after.stamp_s > sighting.stamp_s:
+        while self._entries and self._entries[-1].after.stamp_ns > sighting.stamp_ns:
             later.append(self._entries.pop().event)
         if later and isinstance(later[-1], WheelStep):
             step = later.pop()
-            before = step.clip(step.start_s, sighting.stamp_s)
-            after = step.clip(sighting.stamp_s, step.end_s)
+            before = step.clip(step.start_ns, sighting.stamp_ns)
+            after = step.clip(sighting.stamp_ns, step.end_ns)
             later += [part for part in (after,) if part is not None]
             if before is not None:
                 self._entries.append(_Entry(before, self._predicted(self.state, before)))
@@ -137,7 +138,7 @@ class RelativeFilter:
         self._filter.x, self._filter.P = np.zeros((5, 1)), state.covariance
         self._filter.predict(F=transition, Q=process)
         pose = planar.compose(state.pose, planar.expmap(twist))
-        return RelativeState(step.end_s, pose, state.constants, self._filter.P)
+        return RelativeState(step.end_ns, pose, state.constants, self._filter.P)
 
     def _corrected(self, state: RelativeState, sighting: Sighting) -> RelativeState:
         """Kalman update of the error state; wheels that contradict the image are not believed up to here."""
@@ -151,4 +152,4 @@ class RelativeFilter:
         self._filter.update(error.reshape(3, 1), R=sighting.covariance)
         change = self._filter.x.ravel()
         pose = planar.compose(state.pose, change[:3])
-        return RelativeState(sighting.stamp_s, pose, state.constants + change[3:], self._filter.P)
+        return RelativeState(sighting.stamp_ns, pose, state.constants + change[3:], self._filter.P)

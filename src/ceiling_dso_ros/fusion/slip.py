@@ -8,6 +8,7 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
@@ -15,10 +16,10 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
 @dataclass(frozen=True)
 class SlipReport:
-    """A time during which the wheels were not believed."""
+    """A time during which the wheels were not believed: stamps in nanoseconds."""
 
-    start_s: float
-    end_s: float
+    start_ns: int
+    end_ns: int
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class SlipMonitor:
             self._recent.append((interval.end, found))
         slipping = self.beyond_gate(found, scale_known)
         if slipping:
-            self._report(interval.wheels.start_s, interval.wheels.end_s)
+            self._report(interval.wheels.start_ns, interval.wheels.end_ns)
         return slipping
 
     def scale_jump(self) -> Optional[int]:
@@ -107,13 +108,13 @@ class SlipMonitor:
     def _turn_beyond(self, found: Disagreement) -> bool:
         return found.turn_rad**2 > self._config.slip.gate * found.turn_variance
 
-    def forget(self, start_s: float) -> None:
+    def forget(self, start_ns: int) -> None:
         """Withdraw what was reported since: it was no slip."""
-        kept = [report for report in self.reports if report.start_s < start_s]
-        self.reports = [SlipReport(report.start_s, min(report.end_s, start_s)) for report in kept]
+        kept = [report for report in self.reports if report.start_ns < start_ns]
+        self.reports = [SlipReport(report.start_ns, min(report.end_ns, start_ns)) for report in kept]
 
-    def _report(self, start_s: float, end_s: float) -> None:
-        if self.reports and start_s - self.reports[-1].end_s <= self._config.slip.report_gap_s:
-            self.reports[-1] = SlipReport(self.reports[-1].start_s, end_s)
+    def _report(self, start_ns: int, end_ns: int) -> None:
+        if self.reports and seconds(start_ns - self.reports[-1].end_ns) <= self._config.slip.report_gap_s:
+            self.reports[-1] = SlipReport(self.reports[-1].start_ns, end_ns)
         else:
-            self.reports.append(SlipReport(start_s, end_s))
+            self.reports.append(SlipReport(start_ns, end_ns))

@@ -37,7 +37,7 @@ class FusedState:
     """One output of the fusion.
 
     Attributes:
-        stamp_s: of the newest data in it, on the wheels' clock.
+        stamp_ns: of the newest data in it, on the wheels' clock.
         pose: (3,) x, y, yaw of base_link in odom, metres and rad.
         covariance: (3, 3) of x, y, yaw in odom.
         twist: (2,) forward speed and yaw rate of base_link, m/s and rad/s.
@@ -47,7 +47,7 @@ class FusedState:
         scale: the scale now.
     """
 
-    stamp_s: float
+    stamp_ns: int
     pose: np.ndarray
     covariance: np.ndarray
     twist: np.ndarray

@@ -13,6 +13,7 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.durations import seconds
 
 INT32_RANGE = 2**32
 
@@ -22,27 +23,32 @@ class WheelStep:
     """What the wheels did between two samples.
 
     Attributes:
-        start_s, end_s: stamps of the samples, seconds.
+        start_ns, end_ns: stamps of the samples, nanoseconds.
         twist: (3,) arc in the base frame at the start: forward m, left m, turn rad.
         known: False when the samples do not tell (a counter was restarted): the twist is then a guess.
     """
 
-    start_s: float
-    end_s: float
+    start_ns: int
+    end_ns: int
     twist: np.ndarray
     known: bool = True
 
     @property
+    def duration_s(self) -> float:
+        """Seconds."""
+        return seconds(self.end_ns - self.start_ns)
+
+    @property
     def rate(self) -> np.ndarray:
         """(3,) m/s, m/s, rad/s."""
-        return self.twist / (self.end_s - self.start_s)
+        return self.twist / self.duration_s
 
-    def clip(self, start_s: float, end_s: float) -> Optional["WheelStep"]:
-        """The part of the step within [start_s, end_s]; None when nothing is."""
-        start_s, end_s = max(start_s, self.start_s), min(end_s, self.end_s)
-        if end_s <= start_s:
+    def clip(self, start_ns: int, end_ns: int) -> Optional["WheelStep"]:
+        """The part of the step within [start_ns, end_ns]; None when nothing is."""
+        start_ns, end_ns = max(start_ns, self.start_ns), min(end_ns, self.end_ns)
+        if end_ns <= start_ns:
             return None
-        return WheelStep(start_s, end_s, self.rate * (end_s - start_s), self.known)
+        return WheelStep(start_ns, end_ns, self.rate * seconds(end_ns - start_ns), self.known)
 
 
 @dataclass(frozen=True)
@@ -50,22 +56,22 @@ class WheelMotion:
     """The motion over consecutive steps.
 
     Attributes:
-        start_s, end_s: seconds.
+        start_ns, end_ns: nanoseconds.
         pose: (3,) pose of the base at the end seen from the start.
         noise: (3, 3) covariance of the pose from white noise.
         jacobian: (3, 3) derivative of the pose by (ln mean radius, ln ratio right/left, ln wheel base).
     """
 
-    start_s: float
-    end_s: float
+    start_ns: int
+    end_ns: int
     pose: np.ndarray
     noise: np.ndarray
     jacobian: np.ndarray
 
     @staticmethod
-    def nothing(stamp_s: float) -> "WheelMotion":
+    def nothing(stamp_ns: int) -> "WheelMotion":
         """No motion yet."""
-        return WheelMotion(stamp_s, stamp_s, np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
+        return WheelMotion(stamp_ns, stamp_ns, np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ class WheelNoise:
         covariance = np.diag([var_forward, 0.25 * var_forward + k2 * abs(left), var_forward / half_base**2])
         covariance[0, 2] = covariance[2, 0] = 0.25 * (var_right - var_left) / half_base
         if not step.known:  # any speed a robot may have, changing about every second
-            sigma_m = self.config.max_speed_m_s / 3.0 * math.sqrt(step.end_s - step.start_s)
+            sigma_m = self.config.max_speed_m_s / 3.0 * math.sqrt(step.duration_s)
             covariance += np.diag([sigma_m, 0.1 * sigma_m, sigma_m / half_base]) ** 2
         return covariance
 
@@ -105,8 +111,8 @@ class WheelNoise:
         back = planar.adjoint(planar.expmap(-step.twist))
         J = planar.right_jacobian(step.twist)
         return WheelMotion(
-            motion.start_s,
-            step.end_s,
+            motion.start_ns,
+            step.end_ns,
             planar.compose(motion.pose, planar.expmap(step.twist)),
             back @ motion.noise @ back.T + J @ self.white(step) @ J.T,
             back @ motion.jacobian + J @ self.sensitivity(step.twist),
@@ -155,7 +161,7 @@ class WheelOdometry:
         self.total: Optional[WheelMotion] = None
         self.message = ""
         self.dropped = 0
-        self._last: Optional[Tuple[float, np.ndarray]] = None
+        self._last: Optional[Tuple[int, np.ndarray]] = None
         self._rate = np.zeros(3)
 
     @property
@@ -169,44 +175,44 @@ class WheelOdometry:
         own = self.noise.covariance(self.total, self.noise.constants_covariance(with_radius=True))
         return planar.rotate_covariance(own, self.total.pose[2])
 
-    def add_ticks(self, stamp_s: float, left: int, right: int) -> Optional[WheelStep]:
+    def add_ticks(self, stamp_ns: int, left: int, right: int) -> Optional[WheelStep]:
         """Take in int32 counters, which may wrap around.
 
         Returns:
             The step since the last sample; None for the first sample and for one that is not used.
         """
-        return self._add(stamp_s, np.array([left, right], dtype=float), self._twist_of_ticks)
+        return self._add(stamp_ns, np.array([left, right], dtype=float), self._twist_of_ticks)
 
-    def add_angles(self, stamp_s: float, left_rad: float, right_rad: float) -> Optional[WheelStep]:
+    def add_angles(self, stamp_ns: int, left_rad: float, right_rad: float) -> Optional[WheelStep]:
         """Take in the angles of the wheels, endless or wrapped at a whole turn; returns as `add_ticks`."""
-        return self._add(stamp_s, np.array([left_rad, right_rad]), self._twist_of_angles)
+        return self._add(stamp_ns, np.array([left_rad, right_rad]), self._twist_of_angles)
 
-    def add_pose(self, stamp_s: float, pose: np.ndarray) -> Optional[WheelStep]:
+    def add_pose(self, stamp_ns: int, pose: np.ndarray) -> Optional[WheelStep]:
         """Take in the (3,) pose of an odometry as it is; returns as `add_ticks`."""
-        return self._add(stamp_s, np.asarray(pose, dtype=float), self._twist_of_poses)
+        return self._add(stamp_ns, np.asarray(pose, dtype=float), self._twist_of_poses)
 
-    def _add(self, stamp_s: float, reading: np.ndarray, twist_of: Callable) -> Optional[WheelStep]:
+    def _add(self, stamp_ns: int, reading: np.ndarray, twist_of: Callable) -> Optional[WheelStep]:
         self.message = ""
-        if not (math.isfinite(stamp_s) and np.isfinite(reading).all()):
-            return self._drop(f"wheels: sample with a value that is not finite at {stamp_s} s dropped")
+        if not np.isfinite(reading).all():
+            return self._drop(f"wheels: sample with a value that is not finite at {_text(stamp_ns)} dropped")
         if self._last is None:
-            self._last, self.total = (stamp_s, reading), WheelMotion.nothing(stamp_s)
+            self._last, self.total = (stamp_ns, reading), WheelMotion.nothing(stamp_ns)
             return None
-        last_s, last_reading = self._last
-        if stamp_s <= last_s:
+        last_ns, last_reading = self._last
+        if stamp_ns <= last_ns:
             return self._drop(
-                f"wheels: sample of {stamp_s:.6f} s dropped, it is not later than the last ({last_s:.6f} s)"
+                f"wheels: sample of {_text(stamp_ns)} dropped, it is not later than the last ({_text(last_ns)})"
             )
-        self._last = (stamp_s, reading)
-        dt = stamp_s - last_s
+        self._last = (stamp_ns, reading)
+        dt = seconds(stamp_ns - last_ns)
         twist = twist_of(last_reading, reading, dt)
         known = twist is not None
         if known:
             self._rate = twist / dt
         else:  # the best guess is that the robot went on as before, for a short while
             twist = self._rate * min(dt, self._config.silence_s)
-            self.message = f"wheels: impossible motion before {stamp_s:.6f} s, counters restarted?"
-        step = WheelStep(last_s, stamp_s, twist, known)
+            self.message = f"wheels: impossible motion before {_text(stamp_ns)}, counters restarted?"
+        step = WheelStep(last_ns, stamp_ns, twist, known)
         self.total = self.noise.extend(self.total, step)
         return step
 
@@ -234,3 +240,7 @@ class WheelOdometry:
         twist = planar.logmap(planar.between(before, after))
         fastest = np.hypot(twist[0], twist[1]) + 0.5 * self._robot.wheel_base_m * abs(twist[2])
         return None if fastest > self._config.max_speed_m_s * dt else twist
+
+
+def _text(stamp_ns: int) -> str:
+    return f"{seconds(stamp_ns):.6f} s"

@@ -5,6 +5,7 @@ from typing import Deque, List, Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 
 
@@ -18,7 +19,7 @@ class WheelTrack:
 
     def __init__(self, noise: WheelNoise, horizon_s: float = 10.0) -> None:
         self._noise = noise
-        self._horizon_s = horizon_s
+        self._horizon_ns = nanoseconds(horizon_s)
         self._steps: Deque[WheelStep] = deque()
         self._since_mark: Optional[WheelMotion] = None
         self._corrected: Optional[WheelMotion] = None
@@ -30,9 +31,9 @@ class WheelTrack:
         return not self._steps
 
     @property
-    def end_s(self) -> float:
+    def end_ns(self) -> int:
         """Stamp of the newest sample."""
-        return self._steps[-1].end_s
+        return self._steps[-1].end_ns
 
     @property
     def newest(self) -> WheelStep:
@@ -42,44 +43,44 @@ class WheelTrack:
     def add(self, step: WheelStep) -> None:
         """Append the newest step."""
         if self._since_mark is None:
-            self.mark(step.start_s, self._constants)
+            self.mark(step.start_ns, self._constants)
         self._steps.append(step)
-        while self._steps[0].end_s < step.end_s - self._horizon_s:
+        while self._steps[0].end_ns < step.end_ns - self._horizon_ns:
             self._fold(self._steps.popleft())
 
-    def steps(self, start_s: float, end_s: float) -> List[WheelStep]:
-        """The remembered steps within [start_s, end_s], the outer ones cut."""
+    def steps(self, start_ns: int, end_ns: int) -> List[WheelStep]:
+        """The remembered steps within [start_ns, end_ns], the outer ones cut."""
         newest_first = []
         for step in reversed(self._steps):
-            if step.end_s <= start_s:
+            if step.end_ns <= start_ns:
                 break
-            part = step.clip(start_s, end_s)
+            part = step.clip(start_ns, end_ns)
             if part is not None:
                 newest_first.append(part)
         return newest_first[::-1]
 
-    def motion(self, start_s: float, end_s: float) -> WheelMotion:
-        """The remembered motion within [start_s, end_s]."""
-        return self._extend(WheelMotion.nothing(start_s), self.steps(start_s, end_s))
+    def motion(self, start_ns: int, end_ns: int) -> WheelMotion:
+        """The remembered motion within [start_ns, end_ns]."""
+        return self._extend(WheelMotion.nothing(start_ns), self.steps(start_ns, end_ns))
 
-    def since_mark(self, end_s: float) -> Optional[WheelMotion]:
+    def since_mark(self, end_ns: int) -> Optional[WheelMotion]:
         """The motion from the mark to a stamp; None when the stamp is before the mark, forgotten or still to come."""
-        if self._since_mark is None or not self._since_mark.end_s <= end_s <= self.end_s:
+        if self._since_mark is None or not self._since_mark.end_ns <= end_ns <= self.end_ns:
             return None
-        return self._extend(self._since_mark, self.steps(self._since_mark.end_s, end_s))
+        return self._extend(self._since_mark, self.steps(self._since_mark.end_ns, end_ns))
 
-    def corrected_since_mark(self, end_s: float) -> WheelMotion:
+    def corrected_since_mark(self, end_ns: int) -> WheelMotion:
         """The same, of a stamp that `since_mark` accepts, by wheels with the mark's constants."""
-        return self._extend(self._corrected, self._correct(self.steps(self._corrected.end_s, end_s)))
+        return self._extend(self._corrected, self._correct(self.steps(self._corrected.end_ns, end_ns)))
 
-    def mark(self, stamp_s: float, constants: np.ndarray) -> None:
+    def mark(self, stamp_ns: int, constants: np.ndarray) -> None:
         """Begin the motion since the mark anew.
 
         Args:
-            stamp_s: one that `since_mark` has accepted.
+            stamp_ns: one that `since_mark` has accepted.
             constants: (2,) logarithms of wheel ratio and base relative to nominal, for `corrected_since_mark`.
         """
-        self._since_mark = self._corrected = WheelMotion.nothing(stamp_s)
+        self._since_mark = self._corrected = WheelMotion.nothing(stamp_ns)
         self._constants = constants
 
     def _correct(self, steps: Sequence[WheelStep]) -> List[WheelStep]:
@@ -91,7 +92,7 @@ class WheelTrack:
         return motion
 
     def _fold(self, step: WheelStep) -> None:
-        part = step.clip(self._since_mark.end_s, step.end_s)
+        part = step.clip(self._since_mark.end_ns, step.end_ns)
         if part is not None:
             self._since_mark = self._extend(self._since_mark, [part])
             self._corrected = self._extend(self._corrected, self._correct([part]))

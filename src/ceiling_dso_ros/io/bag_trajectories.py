@@ -1,14 +1,13 @@
 """Trajectories out of the poses that somebody has published and recorded."""
 
 from pathlib import Path
-from typing import Callable, Dict, List
+from typing import Callable, Dict, List, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.io.bag_reader import read_messages
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 
 POSE_OF: Dict[str, Callable[[RosMessage], RosMessage]] = {
@@ -33,7 +32,7 @@ def read_trajectories(path: Path, topics: Dict[str, str]) -> Dict[str, Trajector
     Raises:
         InputError: the bag cannot be read, or a topic has messages of another type.
     """
-    rows: Dict[str, List[List[float]]] = {topic: [] for topic in topics.values()}
+    rows: Dict[str, List[Tuple[int, List[float]]]] = {topic: [] for topic in topics.values()}
     for raw in read_messages(path, list(rows)):
         if raw.message_type not in POSE_OF:
             raise InputError(f"{path}, {raw.topic}: {raw.message_type} has no pose; {', '.join(POSE_OF)} have")
@@ -41,10 +40,10 @@ def read_trajectories(path: Path, topics: Dict[str, str]) -> Dict[str, Trajector
             message = raw.content()
         except FrameError:
             continue
-        row = [seconds(header_stamp_ns(message.header)), *_numbers(POSE_OF[raw.message_type](message))]
+        stamp_ns, pose = header_stamp_ns(message.header), _numbers(POSE_OF[raw.message_type](message))
         known = rows[raw.topic]
-        if np.isfinite(row).all() and (not known or row[0] > known[-1][0]):
-            known.append(row)
+        if np.isfinite(pose).all() and (not known or stamp_ns > known[-1][0]):
+            known.append((stamp_ns, pose))
     return {name: _trajectory(rows[topic]) for name, topic in topics.items() if rows[topic]}
 
 
@@ -53,6 +52,7 @@ def _numbers(pose: RosMessage) -> List[float]:
     return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
 
 
-def _trajectory(rows: List[List[float]]) -> Trajectory:
-    table = np.array(rows)
-    return Trajectory(table[:, 0], table[:, 1:4], table[:, 4:])
+def _trajectory(rows: List[Tuple[int, List[float]]]) -> Trajectory:
+    stamps_ns, poses = zip(*rows)
+    table = np.array(poses)
+    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], table[:, 3:])

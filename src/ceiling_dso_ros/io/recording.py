@@ -10,7 +10,7 @@ import numpy as np
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
-from ceiling_dso_ros.io.stamps import format_stamp, seconds
+from ceiling_dso_ros.io.stamps import format_stamp
 
 
 @dataclass(frozen=True)
@@ -18,12 +18,12 @@ class Frame:
     """One image as it was recorded.
 
     Attributes:
-        stamp_s: seconds.
+        stamp_ns: nanoseconds.
         exposure_ms: exposure time, None when unknown.
         image: (H, W) uint8 or uint16, raw.
     """
 
-    stamp_s: float
+    stamp_ns: int
     exposure_ms: Optional[float]
     image: np.ndarray
 
@@ -33,11 +33,11 @@ class SkippedFrame:
     """Stands for an image that cannot be used.
 
     Attributes:
-        stamp_s: seconds, None when unknown.
+        stamp_ns: nanoseconds, None when unknown.
         reason: one line that names the image and says what is wrong.
     """
 
-    stamp_s: Optional[float]
+    stamp_ns: Optional[int]
     reason: str
 
 
@@ -70,11 +70,6 @@ class WheelTicks:
     stamps_ns: np.ndarray
     left: np.ndarray
     right: np.ndarray
-
-    @property
-    def stamps_s(self) -> np.ndarray:
-        """(N,) float64 seconds, rounded as those of frames are."""
-        return np.array([seconds(stamp_ns) for stamp_ns in self.stamps_ns])
 
 
 @dataclass(frozen=True)
@@ -184,14 +179,13 @@ class Recording(ABC):
         """
         last_ns = -1
         for listed in self.images():
-            stamp_s = None if listed.stamp_ns is None else seconds(listed.stamp_ns)
             try:
                 image = self._read(listed, last_ns)
             except FrameError as error:
-                yield SkippedFrame(stamp_s, f"{listed.name}: {error}; frame skipped")
+                yield SkippedFrame(listed.stamp_ns, f"{listed.name}: {error}; frame skipped")
                 continue
             last_ns = listed.stamp_ns
-            yield Frame(stamp_s, listed.exposure_ms, image)
+            yield Frame(listed.stamp_ns, listed.exposure_ms, image)
 
     def _read(self, listed: ListedImage, last_ns: int) -> np.ndarray:
         if listed.stamp_ns is not None and listed.stamp_ns <= last_ns:

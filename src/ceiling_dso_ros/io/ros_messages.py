@@ -7,7 +7,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.io.stamps import NANOSECONDS
+from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
 
 RosMessage = Any  # the classes of the type store have no common base
 
@@ -36,14 +36,14 @@ def message(type_name: str, **fields: object) -> RosMessage:
 
 def header(stamp_ns: int, frame_id: str, seq: int = 0) -> RosMessage:
     """std_msgs/Header."""
-    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+    sec, nanosec = parts_of_stamp(stamp_ns)
     stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     return message("std_msgs/Header", seq=seq, stamp=stamp, frame_id=frame_id)
 
 
 def header_stamp_ns(header: RosMessage) -> int:
     """Nanoseconds of a std_msgs/Header."""
-    return header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+    return stamp_from_parts(header.stamp.sec, header.stamp.nanosec)
 
 
 def vector(xyz: np.ndarray) -> RosMessage:

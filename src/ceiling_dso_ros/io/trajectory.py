@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Optional, Sequence, Type, Union
+from typing import List, Optional, Sequence, Tuple, Type, Union
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.replacing import replace_file
-from ceiling_dso_ros.io.stamps import parse_stamp_ns, seconds
+from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp_ns
 from ceiling_dso_ros.io.text_files import read_lines
 
 
@@ -19,24 +19,29 @@ class Trajectory:
     """Poses of one body in one frame over time.
 
     Attributes:
-        stamps_s: (N,) float64 seconds, increasing.
+        stamps_ns: (N,) int64 nanoseconds, increasing.
         positions: (N, 3) float64.
         quaternions_xyzw: (N, 4) float64 of unit length.
     """
 
-    stamps_s: np.ndarray
+    stamps_ns: np.ndarray
     positions: np.ndarray
     quaternions_xyzw: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.stamps_s)
+        return len(self.stamps_ns)
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """(N,) float64 seconds since the first pose."""
+        return (self.stamps_ns - self.stamps_ns[:1]) / NANOSECONDS
 
     @classmethod
-    def from_matrices(cls, stamps_s: Sequence[float], T_frame_body: Sequence[np.ndarray]) -> "Trajectory":
+    def from_matrices(cls, stamps_ns: Sequence[int], T_frame_body: Sequence[np.ndarray]) -> "Trajectory":
         """Trajectory of (N,) stamps and (N, 4, 4) poses."""
         T = np.asarray(T_frame_body, dtype=np.float64).reshape(-1, 4, 4)
         quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat() if len(T) else np.zeros((0, 4))
-        return cls(np.asarray(stamps_s, dtype=np.float64), T[:, :3, 3].copy(), quaternions)
+        return cls(np.asarray(stamps_ns, dtype=np.int64), T[:, :3, 3].copy(), quaternions)
 
     def matrices(self) -> np.ndarray:
         """T_frame_body, (N, 4, 4) float64."""
@@ -54,32 +59,34 @@ def read_tum(path: Union[str, Path]) -> Trajectory:
         InputError: unreadable or empty file, a line of another form, a number that is not finite, or a stamp that is
             not later than the one before.
     """
-    rows = []
+    stamps_ns: List[int] = []
+    poses: List[List[float]] = []
     for where, line in read_lines(Path(path)):
-        row = _parse_line(line, where)
-        if rows and row[0] <= rows[-1][0]:
+        stamp_ns, pose = _parse_line(line, where)
+        if stamps_ns and stamp_ns <= stamps_ns[-1]:
             raise InputError(f"{where}: the stamp is not later than the one before; sort the file")
-        rows.append(row)
-    if not rows:
+        stamps_ns.append(stamp_ns)
+        poses.append(pose)
+    if not poses:
         raise InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
-    table = np.array(rows)
-    quaternions = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
-    return Trajectory(table[:, 0], table[:, 1:4], quaternions)
+    table = np.array(poses)
+    quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
+    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], quaternions)
 
 
-def _parse_line(line: str, where: str) -> Sequence[float]:
+def _parse_line(line: str, where: str) -> Tuple[int, List[float]]:
     try:
-        stamp, *pose = line.replace(",", " ").split()
-        values = [seconds(parse_stamp_ns(stamp)), *map(float, pose)]
+        stamp, *numbers = line.replace(",", " ").split()
+        stamp_ns, pose = parse_stamp_ns(stamp), [float(number) for number in numbers]
     except ValueError as error:
         raise InputError(f"{where}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
-    if len(values) != 8:
-        raise InputError(f"{where}: {len(values)} numbers instead of 8: stamp tx ty tz qx qy qz qw")
-    if not np.isfinite(values).all():
+    if len(pose) != 7:
+        raise InputError(f"{where}: {len(pose) + 1} numbers instead of 8: stamp tx ty tz qx qy qz qw")
+    if not np.isfinite(pose).all():
         raise InputError(f"{where}: a number is not finite")
-    if np.linalg.norm(values[4:]) < 1e-6:
+    if np.linalg.norm(pose[3:]) < 1e-6:
         raise InputError(f"{where}: the quaternion is zero")
-    return values
+    return stamp_ns, pose
 
 
 def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:
@@ -88,7 +95,7 @@ def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    poses = zip(trajectory.stamps_s, trajectory.positions, trajectory.quaternions_xyzw)
+    poses = zip(trajectory.stamps_ns.tolist(), trajectory.positions, trajectory.quaternions_xyzw)
     replace_file(path, "".join(_format_line(*pose) for pose in poses).encode(), "the trajectory")
 
 
@@ -106,11 +113,11 @@ class TumWriter:
         except OSError as error:
             raise OutputError(f"{self.path}: cannot write the trajectory: {error.strerror}") from error
 
-    def append(self, stamp_s: float, T_frame_body: np.ndarray) -> None:
-        """Add the pose (4, 4) of stamp_s."""
+    def append(self, stamp_ns: int, T_frame_body: np.ndarray) -> None:
+        """Add the pose (4, 4) of stamp_ns."""
         quaternion = Rotation.from_matrix(T_frame_body[:3, :3]).as_quat()
         try:
-            self._file.write(_format_line(stamp_s, T_frame_body[:3, 3], quaternion))
+            self._file.write(_format_line(stamp_ns, T_frame_body[:3, 3], quaternion))
         except OSError as error:
             raise OutputError(f"{self.path}: cannot write the trajectory: {error.strerror}") from error
 
@@ -127,5 +134,5 @@ class TumWriter:
         self.close()
 
 
-def _format_line(stamp_s: float, position: np.ndarray, quaternion_xyzw: np.ndarray) -> str:
-    return " ".join(f"{value:.9f}" for value in (stamp_s, *position, *quaternion_xyzw)) + "\n"
+def _format_line(stamp_ns: int, position: np.ndarray, quaternion_xyzw: np.ndarray) -> str:
+    return " ".join([format_stamp(stamp_ns), *(f"{value:.9f}" for value in (*position, *quaternion_xyzw))]) + "\n"

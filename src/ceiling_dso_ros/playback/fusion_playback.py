@@ -11,6 +11,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.io.recording import RobotDescription, WheelTicks
+from ceiling_dso_ros.io.stamps import LATEST_NS, format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 
 
@@ -41,30 +42,30 @@ class FusionPlayback:
 
     def __init__(self, wheels: WheelTicks, robot: RobotModel, config: FusionConfig = FusionConfig()) -> None:
         self.estimator = FusionEstimator(robot, config, keep_history=True)
-        self._samples = list(zip(wheels.stamps_s.tolist(), wheels.left.tolist(), wheels.right.tolist()))
+        self._samples = list(zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist()))
         self._next = 0
-        self._wheel: List[Tuple[float, np.ndarray]] = []
+        self._wheel: List[Tuple[int, np.ndarray]] = []
         self._fused: List[FusedState] = []
 
     def add(self, status: OdometryStatus) -> None:
         """Take in an image's result, and before it the wheel samples up to its stamp."""
-        self._play_wheels(status.stamp_s)
+        self._play_wheels(status.stamp_ns)
         self.estimator.add_keyframes(status)
         self.estimator.add_frame(status)
 
-    def predicted_motion(self, last: OdometryStatus, stamp_s: float) -> Optional[CameraMotion]:
+    def predicted_motion(self, last: OdometryStatus, stamp_ns: int) -> Optional[CameraMotion]:
         """How the camera has moved since the last image, which was added, by the wheels up to the next one.
 
         None when nothing is known in the unit of the last image's segment.
         """
-        self._play_wheels(stamp_s)
+        self._play_wheels(stamp_ns)
         if last.state is not TrackingState.TRACKING or self.estimator.scale.segment != last.segment:
             return None
-        return self.estimator.predict_camera_motion(last.stamp_s, stamp_s)
+        return self.estimator.predict_camera_motion(last.stamp_ns, stamp_ns)
 
     def finish(self) -> None:
         """Take in the wheel samples after the last image, and what has waited for more."""
-        self._play_wheels(np.inf)
+        self._play_wheels()
         self.estimator.finish()
 
     def write(self, directory: Path) -> None:
@@ -84,16 +85,16 @@ class FusionPlayback:
 
     def wheel(self) -> Trajectory:
         """The wheels alone, at every sample but the first."""
-        return _trajectory([stamp_s for stamp_s, _ in self._wheel], [pose for _, pose in self._wheel])
+        return _trajectory([stamp_ns for stamp_ns, _ in self._wheel], [pose for _, pose in self._wheel])
 
     def smoothed(self) -> Trajectory:
         """The keyframes by the graph of all that was taken in."""
         nodes = self.estimator.smoothed()
-        return _trajectory([node.stamp_s for node in nodes], [node.pose for node in nodes])
+        return _trajectory([node.stamp_ns for node in nodes], [node.pose for node in nodes])
 
     def fused(self) -> Trajectory:
         """What would have been published, at every wheel sample."""
-        return _trajectory([state.stamp_s for state in self._fused], [state.pose for state in self._fused])
+        return _trajectory([state.stamp_ns for state in self._fused], [state.pose for state in self._fused])
 
     def summary(self) -> Dict[str, Any]:
         """The last scale (None where it was never known), the slips, and when the state changed for what reasons."""
@@ -104,18 +105,18 @@ class FusionPlayback:
                 "sigma": scale.sigma if np.isfinite(scale.sigma) else None,
                 "converged": scale.converged,
             },
-            "slips": [[report.start_s, report.end_s] for report in self.estimator.slips],
+            "slips": [[format_stamp(report.start_ns), format_stamp(report.end_ns)] for report in self.estimator.slips],
             "fusion": self._changes(),
         }
 
-    def _play_wheels(self, until_s: float) -> None:
-        while self._next < len(self._samples) and self._samples[self._next][0] <= until_s:
-            stamp_s, left, right = self._samples[self._next]
+    def _play_wheels(self, until_ns: int = LATEST_NS) -> None:
+        while self._next < len(self._samples) and self._samples[self._next][0] <= until_ns:
+            stamp_ns, left, right = self._samples[self._next]
             self._next += 1
-            state = self.estimator.add_wheel_ticks(stamp_s, left, right)
+            state = self.estimator.add_wheel_ticks(stamp_ns, left, right)
             if state is not None:
                 self._fused.append(state)
-                self._wheel.append((stamp_s, self.estimator.wheels.total.pose))
+                self._wheel.append((stamp_ns, self.estimator.wheels.total.pose))
 
     def _changes(self) -> List[Dict[str, Any]]:
         changes: List[Dict[str, Any]] = []
@@ -123,10 +124,16 @@ class FusionPlayback:
         for fused in self._fused:
             sources = (fused.state, tuple(reason.partition(":")[0] for reason in fused.reasons))
             if sources != last:
-                changes.append({"stamp": fused.stamp_s, "state": fused.state.value, "reasons": list(fused.reasons)})
+                changes.append(
+                    {
+                        "stamp": format_stamp(fused.stamp_ns),
+                        "state": fused.state.value,
+                        "reasons": list(fused.reasons),
+                    }
+                )
                 last = sources
         return changes
 
 
-def _trajectory(stamps_s: Sequence[float], poses: Sequence[np.ndarray]) -> Trajectory:
-    return Trajectory.from_matrices(stamps_s, [planar.lift(pose) for pose in poses])
+def _trajectory(stamps_ns: Sequence[int], poses: Sequence[np.ndarray]) -> Trajectory:
+    return Trajectory.from_matrices(stamps_ns, [planar.lift(pose) for pose in poses])

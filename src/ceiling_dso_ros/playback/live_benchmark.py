@@ -8,6 +8,7 @@ import numpy as np
 from tabulate import tabulate
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.recording import Frame
 
 TRACKING_STAGES = ("undistort", "pyramid", "initialize", "track")  # the rest is the mapping's
@@ -64,7 +65,7 @@ def play_live(
         rate: seconds of the recording that pass in one.
         clock, sleep: seconds.
     """
-    due_s = np.array([frame.stamp_s - frames[0].stamp_s for frame in frames]) / rate + clock()
+    due_s = np.array([seconds(frame.stamp_ns - frames[0].stamp_ns) for frame in frames]) / rate + clock()
     statuses: List[OdometryStatus] = []
     latencies_s: List[float] = []
     dropped, index = 0, 0
@@ -76,8 +77,8 @@ def play_live(
         statuses.append(track(frames[newest]))
         latencies_s.append(clock() - due_s[newest])
         index = newest + 1
-    rate_hz = 1.0 / np.median(np.diff([frame.stamp_s for frame in frames]))
-    return LiveRun(statuses, 1e3 * np.array(latencies_s), dropped, float(rate_hz))
+    interval_ns = np.median(np.diff([frame.stamp_ns for frame in frames]))
+    return LiveRun(statuses, 1e3 * np.array(latencies_s), dropped, 1.0 / seconds(float(interval_ns)))
 
 
 def describe(summary: Dict[str, Any]) -> str:

@@ -101,8 +101,8 @@ class Playback:
         preprocessed = time.perf_counter()
         known = {}
         if self._predict and self._fusion is not None and self._last is not None:
-            known["prediction"] = self._fusion.predicted_motion(self._last, frame.stamp_s)
-        status = self._odometry.track(image, frame.stamp_s, frame.exposure_ms, **known)
+            known["prediction"] = self._fusion.predicted_motion(self._last, frame.stamp_ns)
+        status = self._odometry.track(image, frame.stamp_ns, frame.exposure_ms, **known)
         end = time.perf_counter()
         self._last = status
         self.trajectories.add(status)

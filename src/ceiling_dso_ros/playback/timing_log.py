@@ -8,13 +8,15 @@ from typing import Any, Dict, List, Mapping
 import numpy as np
 
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.io.stamps import format_stamp
 
 
 class TimingLog:
     """One row for every frame that the odometry was given."""
 
     def __init__(self) -> None:
-        self._stamps_s = array("d")
+        self._stamps_ns = array("q")
         self._total_ms = array("d")
         self._stages_ms: Dict[str, array] = {}
         self._is_keyframe: List[bool] = []
@@ -35,7 +37,7 @@ class TimingLog:
             self._stages_ms.setdefault(name, array("d", [0.0] * len(self)))
         for name, column in self._stages_ms.items():
             column.append(stages_ms.get(name, 0.0))
-        self._stamps_s.append(status.stamp_s)
+        self._stamps_ns.append(status.stamp_ns)
         self._total_ms.append(total_ms)
         self._is_keyframe.append(status.is_keyframe)
         self._states.append(status.state)
@@ -52,7 +54,7 @@ class TimingLog:
 
     def frame_rate_hz(self) -> float:
         """Of the recording: one over the median interval; two frames at least."""
-        return float(1.0 / np.median(np.diff(self._stamps_s)))
+        return 1.0 / seconds(float(np.median(np.diff(self._stamps_ns))))
 
     def stage_means_ms(self) -> Dict[str, Dict[str, float]]:
         """Mean of every stage that took part: of `keyframes`, and of the `others` that were tracked."""
@@ -77,11 +79,11 @@ class TimingLog:
         with path.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["stamp", "total_ms", *stages, "is_keyframe", "state"])
-            for stamp_s, is_keyframe, state, *milliseconds in zip(
-                self._stamps_s, self._is_keyframe, self._states, self._total_ms, *self._stages_ms.values()
+            for stamp_ns, is_keyframe, state, *milliseconds in zip(
+                self._stamps_ns, self._is_keyframe, self._states, self._total_ms, *self._stages_ms.values()
             ):
                 times = [f"{value:.3f}" for value in milliseconds]
-                writer.writerow([f"{stamp_s:.9f}", *times, int(is_keyframe), state.value])
+                writer.writerow([format_stamp(stamp_ns), *times, int(is_keyframe), state.value])
 
 
 def _statistics(values_ms: np.ndarray) -> Dict[str, Any]:

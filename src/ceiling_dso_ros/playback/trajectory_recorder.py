@@ -6,6 +6,7 @@ from typing import Dict, Mapping
 import numpy as np
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
 
 
@@ -13,7 +14,7 @@ class TrajectoryRecorder:
     """Remembers every tracked frame and the last refinement of every keyframe, in 272 bytes a frame."""
 
     def __init__(self) -> None:
-        self._stamps_s = array("d")
+        self._stamps_ns = array("q")
         self._keyframe_ids = array("q")
         self._T_world_camera = array("d")
         self._T_keyframe_camera = array("d")
@@ -29,8 +30,9 @@ class TrajectoryRecorder:
         if status.state is not TrackingState.TRACKING:
             return
         if status.keyframe_id not in self._keyframes:
-            raise KeyError(f"the frame of {status.stamp_s} s refers to the unknown keyframe {status.keyframe_id}")
-        self._stamps_s.append(status.stamp_s)
+            stamp = format_stamp(status.stamp_ns)
+            raise KeyError(f"the frame of {stamp} s refers to the unknown keyframe {status.keyframe_id}")
+        self._stamps_ns.append(status.stamp_ns)
         self._keyframe_ids.append(status.keyframe_id)
         self._T_world_camera.extend(status.T_world_camera.ravel())
         self._T_keyframe_camera.extend(status.T_keyframe_camera.ravel())
@@ -47,17 +49,17 @@ class TrajectoryRecorder:
 
     def live(self) -> Trajectory:
         """T_world_camera of the tracked frames as known when each was processed."""
-        return Trajectory.from_matrices(self._stamps_s, self._T_world_camera)
+        return Trajectory.from_matrices(self._stamps_ns, self._T_world_camera)
 
     def final(self) -> Trajectory:
         """T_world_camera of the tracked frames, re-expressed on the last estimate of their keyframes."""
         T_world_keyframe = [self._keyframes[keyframe_id].T_world_camera for keyframe_id in self._keyframe_ids]
         T_keyframe_camera = np.reshape(self._T_keyframe_camera, (-1, 4, 4))
-        return Trajectory.from_matrices(self._stamps_s, np.reshape(T_world_keyframe, (-1, 4, 4)) @ T_keyframe_camera)
+        return Trajectory.from_matrices(self._stamps_ns, np.reshape(T_world_keyframe, (-1, 4, 4)) @ T_keyframe_camera)
 
     def keyframes(self) -> Trajectory:
         """T_world_camera of all keyframes as last refined, by stamp."""
-        keyframes = sorted(self._keyframes.values(), key=lambda keyframe: keyframe.stamp_s)
+        keyframes = sorted(self._keyframes.values(), key=lambda keyframe: keyframe.stamp_ns)
         return Trajectory.from_matrices(
-            [keyframe.stamp_s for keyframe in keyframes], [keyframe.T_world_camera for keyframe in keyframes]
+            [keyframe.stamp_ns for keyframe in keyframes], [keyframe.T_world_camera for keyframe in keyframes]
         )

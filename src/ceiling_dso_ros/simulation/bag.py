@@ -14,7 +14,6 @@ from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.io.errors import OutputError
 from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.recording import RobotDescription
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.io.trajectory import write_tum
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.sensors import SCAN_ANGLES, SCAN_RANGE_M
@@ -101,7 +100,7 @@ class _Messages:
         self._bag.joint_state("/joint_states", stamp_ns, WHEEL_JOINTS, reading.angles_rad)
         self._bag.ticks("/wheel/left/ticks", stamp_ns, left)
         self._bag.ticks("/wheel/right/ticks", stamp_ns, right)
-        step = self._odometry.add_ticks(seconds(stamp_ns), left, right)
+        step = self._odometry.add_ticks(stamp_ns, left, right)
         forward, _, turn = np.zeros(3) if step is None else step.rate
         self._bag.odometry(
             "/odom",

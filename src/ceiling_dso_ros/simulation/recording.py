@@ -7,7 +7,6 @@ import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelTicks
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.simulation import Simulation, stamp_ns
@@ -64,12 +63,12 @@ class SimulatedRecording(Recording):
     def camera_truth(self) -> Trajectory:
         """True poses of the upward camera's optical frame at the stamps of all images."""
         times = self.simulation.frame_times_s
-        stamps = [seconds(self.simulation.image_stamp_ns(time_s)) for time_s in times]
-        return Trajectory.from_matrices(stamps, self.simulation.robot.T_world_camera(times))
+        stamps_ns = [self.simulation.image_stamp_ns(time_s) for time_s in times]
+        return Trajectory.from_matrices(stamps_ns, self.simulation.robot.T_world_camera(times))
 
     @property
     def base_truth(self) -> Trajectory:
         """True poses of base_link at the stamps of all wheel readings."""
         times = self.simulation.encoders.time_s
-        stamps = [seconds(stamp_ns(time_s)) for time_s in times]
-        return Trajectory.from_matrices(stamps, self.simulation.robot.T_world_base(times))
+        stamps_ns = [stamp_ns(time_s) for time_s in times]
+        return Trajectory.from_matrices(stamps_ns, self.simulation.robot.T_world_base(times))

@@ -10,14 +10,14 @@ class Frame:
     """What is known of an image so far.
 
     Attributes:
-        stamp_s: seconds.
+        stamp_ns: nanoseconds.
         exposure: ms, 1 when unknown.
         image_slot: its pyramid in the pool.
         T_camera_world: (4, 4) float64 tracked pose.
         affine: (2,) tracked brightness (a, b).
     """
 
-    stamp_s: float
+    stamp_ns: int
     exposure: float
     image_slot: int
     T_camera_world: np.ndarray

@@ -64,9 +64,9 @@ class MapSnapshot:
         return MapPoints(self.window_points.positions_world(poses), self.window_points.grey)
 
     @property
-    def stamp_s(self) -> float:
-        """Stamp of the new keyframe's image, seconds."""
-        return self.keyframes[-1].stamp_s
+    def stamp_ns(self) -> int:
+        """Stamp of the new keyframe's image, nanoseconds."""
+        return self.keyframes[-1].stamp_ns
 
     def pose_of(self, keyframe_id: int) -> np.ndarray:
         """T_world_camera of one of the keyframes."""

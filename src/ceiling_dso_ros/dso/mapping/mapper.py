@@ -134,7 +134,7 @@ class Mapper:
 
     def _append(self, frame: Frame) -> None:
         self.window.add_keyframe(
-            self._next_id, frame.stamp_s, frame.image_slot, frame.T_camera_world, frame.affine, frame.exposure
+            self._next_id, frame.stamp_ns, frame.image_slot, frame.T_camera_world, frame.affine, frame.exposure
         )
         self._next_id += 1
 

@@ -72,7 +72,7 @@ class KeyframeWindow:
             image_slot=np.zeros(slots, np.int64),
         )
         self.ids: List[int] = []
-        self.stamps_s: List[float] = []
+        self.stamps_ns: List[int] = []
         self.gone_points: List[int] = []  # active points that each keyframe has lost
         self.points = PointTable(slots, 3 * config.window.active_points)
         self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
@@ -109,13 +109,13 @@ class KeyframeWindow:
         return se3.inverse(self.keyframes.T_camera_world[slot])
 
     def add_keyframe(
-        self, keyframe_id: int, stamp_s: float, image_slot: int, T_camera_world: np.ndarray,
+        self, keyframe_id: int, stamp_ns: int, image_slot: int, T_camera_world: np.ndarray,
         affine: np.ndarray, exposure: float,
     ) -> None:  # fmt: skip
         """Append a keyframe; its evaluation point is its pose."""
         slot = self.count
         self.ids.append(keyframe_id)
-        self.stamps_s.append(stamp_s)
+        self.stamps_ns.append(stamp_ns)
         self.gone_points.append(0)
         self.keyframes.T_camera_world[slot], self.keyframes.affine[slot] = T_camera_world, affine
         self.keyframes.exposure[slot], self.keyframes.image_slot[slot] = exposure, image_slot
@@ -147,7 +147,7 @@ class KeyframeWindow:
         self.pool.release(int(self.keyframes.image_slot[slot]))
         for array in self.keyframes:
             array[slot:-1] = array[slot + 1 :]
-        del self.ids[slot], self.stamps_s[slot], self.gone_points[slot]
+        del self.ids[slot], self.stamps_ns[slot], self.gone_points[slot]
         self.points.remove_keyframe(slot)
         self.candidates.remove_host(slot)
 
@@ -156,7 +156,7 @@ class KeyframeWindow:
         return tuple(
             KeyframeEstimate(
                 keyframe_id=self.ids[slot],
-                stamp_s=self.stamps_s[slot],
+                stamp_ns=self.stamps_ns[slot],
                 segment=segment,
                 T_world_camera=self.T_world_camera(slot),
                 affine=(float(self.keyframes.affine[slot, 0]), float(self.keyframes.affine[slot, 1])),
