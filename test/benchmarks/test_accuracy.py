@@ -14,10 +14,9 @@ from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
-from ceiling_dso_ros.simulation.simulation import START_NS
+from ceiling_dso_ros.simulation.simulation import stamp_ns
 
 SMALL = CameraModel(width=424, height=240)
-START_S = START_NS * 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -86,13 +85,13 @@ def test_lamps_that_flicker_and_go_out(drive):
 
 @pytest.mark.long
 def test_a_covered_lens_is_told_and_got_over(drive):
-    cover = START_S + 4.0, START_S + 7.0
+    cover_ns = stamp_ns(4.0), stamp_ns(7.0)
     run = drive("square", 11.0, "cover@4+3")
     assert run.lost >= 1
     assert all(not loss.endswith(": ") for loss in run.losses())
-    assert run.tracking_within(cover[0] + COVER_SLIDE_S, cover[1]) == 0
-    assert run.tracking_within(START_S + 2.0, cover[0]) > 50
-    assert run.motion_without_pose_s(*cover) < accuracy.RECOVERY_S
+    assert run.tracking_within(stamp_ns(4.0 + COVER_SLIDE_S), cover_ns[1]) == 0
+    assert run.tracking_within(stamp_ns(2.0), cover_ns[0]) > 50
+    assert run.motion_without_pose_s(*cover_ns) < accuracy.RECOVERY_S
     assert run.final_ate_percent < 0.5  # the second map is as good as the first
 
 
@@ -122,7 +121,7 @@ def test_what_was_rendered_and_tracked_is_kept(tracked):
     written_ns = bag.stat().st_mtime_ns
     again = tracked.drive(config)
     assert bag.stat().st_mtime_ns == written_ns
-    assert [s.stamp_s for s in again.statuses] == [s.stamp_s for s in first.statuses]
+    assert [s.stamp_ns for s in again.statuses] == [s.stamp_ns for s in first.statuses]
     assert first.first_pose == len(first.statuses)  # it stands for a second
 
 

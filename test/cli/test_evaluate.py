@@ -16,10 +16,10 @@ DATA = Path(os.environ.get("CEILING_DSO_DATA", ROOT.parent / "shared" / "data"))
 
 
 def drive(scale=1.0, shift_s=0.0):
-    stamps_s = 50.0 + np.arange(0.0, 10.0, 0.1)
-    t = stamps_s - 50.0
+    t = np.arange(0.0, 10.0, 0.1)
+    stamps_ns = np.rint((50.0 + shift_s + t) * 1e9).astype(np.int64)
     positions = scale * np.stack([3.0 * np.sin(t), 2.0 * np.cos(t), 0.1 * t], axis=1)
-    return Trajectory(stamps_s + shift_s, positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)))
+    return Trajectory(stamps_ns, positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)))
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_fol
 
 
 def moved(trajectory, shift_m):
-    return Trajectory(trajectory.stamps_s, trajectory.positions + shift_m, trajectory.quaternions_xyzw)
+    return Trajectory(trajectory.stamps_ns, trajectory.positions + shift_m, trajectory.quaternions_xyzw)
 
 
 @pytest.mark.parametrize("how", ["given", "beside the camera's", "one for all"])
@@ -122,9 +122,9 @@ def test_missing_base_reference(run_folder, evaluate):
 
 def test_interpolates_the_reference_when_asked_to(run_folder):
     between = drive()
-    middle_s = between.stamps_s[:-1] + 0.05
+    middle_ns = between.stamps_ns[:-1] + 50_000_000
     positions = (between.positions[:-1] + between.positions[1:]) / 2
-    write_tum(run_folder / "camera.tum", Trajectory(middle_s, positions, between.quaternions_xyzw[:-1]))
+    write_tum(run_folder / "camera.tum", Trajectory(middle_ns, positions, between.quaternions_xyzw[:-1]))
     reference = str(run_folder.parent / "reference.tum")
 
     def rmse(*arguments):

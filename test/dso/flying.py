@@ -9,6 +9,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind, align
 
 FRAMES = 60
+FRAME_NS = 33_333_333  # from image to image
 SURFACE = Surface(slope=(0.1, -0.05), relief=0.1, texture=SHARP)
 CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=5, min_keyframes=4, candidate_points=400, active_points=500))
 
@@ -27,7 +28,7 @@ def render():
 
 
 def run(odometry, images, first=0):
-    return [odometry.track(image, (first + k) / 30.0) for k, image in enumerate(images)]
+    return [odometry.track(image, (first + k) * FRAME_NS) for k, image in enumerate(images)]
 
 
 def tracking(statuses):

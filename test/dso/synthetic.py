@@ -107,7 +107,7 @@ def add_keyframe(window, T_camera_world, surface=SLANTED, affine=(0.0, 0.0), exp
     """Add what the camera sees from a pose as a keyframe; exposure multiplies the brightness as it should."""
     slot = window.pool.build(surface.render(T_camera_world, camera, affine, exposure))
     number = window.ids[-1] + 1 if window.ids else 0
-    window.add_keyframe(number, 0.1 * number, slot, T_camera_world, np.array(affine), exposure)
+    window.add_keyframe(number, 100_000_000 * number, slot, T_camera_world, np.array(affine), exposure)
 
 
 def add_points(window, host, u, v, idepth, targets=None):

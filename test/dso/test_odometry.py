@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flying import CONFIG, FRAMES, ate, pose, run, tracking
+from flying import CONFIG, FRAME_NS, FRAMES, ate, pose, run, tracking
 from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, PinholeCamera, TrackingState
@@ -24,7 +24,7 @@ def flight(images):
 def same(first, second):
     """Byte for byte, but for the time it took."""
     names = (
-        "stamp_s",
+        "stamp_ns",
         "state",
         "segment",
         "is_keyframe",
@@ -69,7 +69,7 @@ def test_poses_on_the_first_map_are_known_less_well_than_later_ones(flight):
 def test_what_a_status_says(flight):
     ids = []
     for k, status in enumerate(flight):
-        assert status.stamp_s == k / 30.0
+        assert status.stamp_ns == k * FRAME_NS
         if status.state is not TrackingState.TRACKING:
             assert status.T_world_camera is None
             assert status.message
@@ -85,7 +85,7 @@ def test_what_a_status_says(flight):
             assert status.is_keyframe
             newest = status.keyframes[-1]
             assert newest.keyframe_id == status.keyframe_id
-            assert newest.stamp_s == status.stamp_s
+            assert newest.stamp_ns == status.stamp_ns
             np.testing.assert_allclose(newest.T_world_camera, T, atol=1e-9)
             np.testing.assert_allclose(status.T_keyframe_camera, np.eye(4), atol=1e-9)
             known = {e.keyframe_id: e.T_world_camera for e in status.keyframes}
@@ -159,7 +159,9 @@ def test_changing_exposure_and_brightness_do_not_matter(images):
     odometry, statuses = DirectOdometry(CAMERA, CONFIG), []
     for k, image in enumerate(images):
         exposure, gain, offset = 5.0 + 2 * np.sin(k / 9), np.exp(0.1 * np.sin(k / 15)), 5 * np.sin(k / 11)
-        statuses.append(odometry.track((0.15 * exposure * gain * image + offset).astype(np.float32), k / 30, exposure))
+        statuses.append(
+            odometry.track((0.15 * exposure * gain * image + offset).astype(np.float32), k * FRAME_NS, exposure)
+        )
     found = tracking(statuses)
     assert sum(found) > 0.7 * FRAMES
     assert all(found[found.index(True) :])
@@ -183,7 +185,7 @@ def test_garbage_is_a_loss_and_then_a_new_segment_starts(images, kind):
     odometry = DirectOdometry(CAMERA, CONFIG)
     before = run(odometry, images[:25])
     assert before[-1].state is TrackingState.TRACKING
-    bad = odometry.track(GARBAGE[kind], 25 / 30)
+    bad = odometry.track(GARBAGE[kind], 25 * FRAME_NS)
     assert bad.state is TrackingState.LOST
     assert bad.T_world_camera is None
     assert bad.message
@@ -215,7 +217,7 @@ def test_garbage_from_the_start_never_tracks_and_never_raises(kind):
 def test_noise_that_changes_never_raises():
     odometry, rng = DirectOdometry(CAMERA, CONFIG), np.random.default_rng(1)
     for k in range(30):
-        status = odometry.track(rng.integers(0, 256, (240, 320)).astype(np.uint8), k / 30)
+        status = odometry.track(rng.integers(0, 256, (240, 320)).astype(np.uint8), k * FRAME_NS)
         assert status.state in TrackingState
 
 
@@ -237,8 +239,8 @@ def test_a_map_begins_when_the_cover_has_slid_off_the_lens(images, phase):
 
     statuses = run(DirectOdometry(CAMERA, CONFIG), [seen(k) for k in range(len(images))])
     begun = next(status for status in statuses if status.keyframes)
-    assert begun.keyframes[0].stamp_s >= (sliding - 1) / 30.0
-    assert begun.stamp_s < 1.0
+    assert begun.keyframes[0].stamp_ns >= (sliding - 1) * FRAME_NS
+    assert begun.stamp_ns < 30 * FRAME_NS
     assert ate(statuses, [pose(k) for k in range(len(images))]) < 0.005
 
 
@@ -282,7 +284,7 @@ def test_a_jump_to_another_place_is_a_loss(images):
     odometry = DirectOdometry(CAMERA, CONFIG)
     run(odometry, images[:25])
     far = Surface(slope=(0.1, -0.05), relief=0.1, texture=type(SHARP)(seed=9, shortest=0.05, contrast=40.0, waves=24))
-    status = odometry.track(far.render(np.eye(4)).clip(0, 255), 25 / 30)
+    status = odometry.track(far.render(np.eye(4)).clip(0, 255), 25 * FRAME_NS)
     assert status.state is TrackingState.LOST
 
 
@@ -291,9 +293,9 @@ def test_an_image_of_another_size_is_refused_and_changes_nothing(flight, images)
     statuses = run(odometry, images[:15])
     for shape in ((480, 640), (320, 240), (240, 320, 3), (240,)):
         with pytest.raises(ValueError, match="320x240"):
-            odometry.track(np.zeros(shape, np.uint8), 0.5)
+            odometry.track(np.zeros(shape, np.uint8), 15 * FRAME_NS)
     with pytest.raises(ValueError, match="640x480"):
-        odometry.track(np.zeros((480, 640), np.uint8), 0.5)
+        odometry.track(np.zeros((480, 640), np.uint8), 15 * FRAME_NS)
     same(flight, statuses + run(odometry, images[15:], first=15))
 
 

@@ -5,7 +5,7 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
-from flying import CONFIG, FRAMES, ate, pose, run, tracking
+from flying import CONFIG, FRAME_NS, FRAMES, ate, pose, run, tracking
 from synthetic import CAMERA
 
 from ceiling_dso_ros.dso import DirectOdometry, HostedPoints, TrackingState
@@ -45,12 +45,12 @@ def test_tracking_goes_on_while_the_mapping_is_behind(images, frames_behind):
     assert ate(statuses, [pose(k) for k in range(FRAMES)]) < 0.01
     known = {}
     for status in statuses[found.index(True) :]:
-        known.update({keyframe.keyframe_id: keyframe.stamp_s for keyframe in status.keyframes})
+        known.update({keyframe.keyframe_id: keyframe.stamp_ns for keyframe in status.keyframes})
         assert status.keyframe_id in known  # relative to a keyframe that has been described
-        assert known[status.keyframe_id] <= status.stamp_s
+        assert known[status.keyframe_id] <= status.stamp_ns
     late = [status for status in statuses if status.keyframes and not status.is_keyframe]
     assert len(late) >= 3
-    assert all(status.keyframes[-1].stamp_s < status.stamp_s for status in late)
+    assert all(status.keyframes[-1].stamp_ns < status.stamp_ns for status in late)
     odometry.reset()
     scheduler.close()
 
@@ -59,12 +59,12 @@ def test_the_last_window_of_a_lost_segment_is_told_though_the_mapping_was_behind
     scheduler = HeldScheduler(3)
     odometry = DirectOdometry(CAMERA, CONFIG, scheduler)
     for k, image in enumerate(images):
-        if odometry.track(image, k / 30.0).is_keyframe and k > 30:
+        if odometry.track(image, k * FRAME_NS).is_keyframe and k > 30:
             break
-    lost = odometry.track(np.zeros_like(images[0]), (k + 1) / 30.0)
+    lost = odometry.track(np.zeros_like(images[0]), (k + 1) * FRAME_NS)
     assert (lost.state, lost.segment) == (TrackingState.LOST, 0)
     assert odometry.map is None
-    assert lost.keyframes[-1].stamp_s == k / 30.0
+    assert lost.keyframes[-1].stamp_ns == k * FRAME_NS
     assert len(lost.window_points) > 100
     assert set(lost.window_points.keyframe_id.tolist()) <= {e.keyframe_id for e in lost.keyframes if not e.leaves}
     scheduler.close()
@@ -100,7 +100,7 @@ def test_keyframes_that_are_finished_between_two_statuses_are_both_told(images):
     last = {e.keyframe_id: e for status in told for e in status.keyframes}
     for estimate in (e for snapshot in scheduler.snapshots for e in snapshot.keyframes if e.leaves):
         assert last[estimate.keyframe_id] is estimate
-    windows = {snapshot.stamp_s: snapshot.window_points for snapshot in scheduler.snapshots}
+    windows = {snapshot.stamp_ns: snapshot.window_points for snapshot in scheduler.snapshots}
     for status in told:
-        assert status.window_points is windows[status.keyframes[-1].stamp_s]
+        assert status.window_points is windows[status.keyframes[-1].stamp_ns]
         assert [e.keyframe_id for e in status.keyframes] == sorted(e.keyframe_id for e in status.keyframes)

@@ -15,7 +15,9 @@ def drive(noise_m=0.0):
     stamps_s = np.arange(0.0, 10.0, 0.1)
     positions = np.stack([3.0 * np.sin(stamps_s), 2.0 * np.cos(stamps_s), 0.1 * stamps_s], axis=1)
     positions += np.random.default_rng(0).normal(scale=noise_m, size=positions.shape)
-    return Trajectory(stamps_s, positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps_s), 1)))
+    return Trajectory(
+        np.rint(stamps_s * 1e9).astype(np.int64), positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps_s), 1))
+    )
 
 
 def draw(directory, noise_m=0.02):

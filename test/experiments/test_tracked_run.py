@@ -9,11 +9,12 @@ from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.experiments.tracked_run import TrackedRun
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 
-FRAMES, HZ, BEGIN_S, SCALE = 600, 30.0, 1000.0, 4.0
+FRAMES, HZ, BEGIN_NS, SCALE = 600, 30.0, 1_732_800_000_123_456_789, 4.0
 STANDING = 30  # images before the camera moves
-STAMPS_S = BEGIN_S + np.arange(FRAMES) / HZ
+STAMPS_NS = [BEGIN_NS + nanoseconds(k / HZ) for k in range(FRAMES)]
 SIGMAS = np.array([2e-4, 1e-4, 3e-4, 1e-4, 2e-4, 5e-5])  # of (translation, rotation), VO units and rad
 
 
@@ -25,7 +26,7 @@ def true_pose(k):
     return T
 
 
-TRUTH = Trajectory.from_matrices(STAMPS_S, [true_pose(k) for k in range(FRAMES)])
+TRUTH = Trajectory.from_matrices(STAMPS_NS, [true_pose(k) for k in range(FRAMES)])
 
 
 def in_units(T):
@@ -42,7 +43,7 @@ def status(k, error, claimed):
     stated = se3.exp(error) @ se3.inverse(T_world_key) @ in_units(true_pose(k)) if k > key else np.eye(4)
     move = se3.adjoint(T_world_key)
     return OdometryStatus(
-        STAMPS_S[k],
+        STAMPS_NS[k],
         TrackingState.TRACKING,
         0,
         T_world_camera=T_world_key @ stated,
@@ -50,7 +51,7 @@ def status(k, error, claimed):
         is_keyframe=k == key,
         keyframe_id=key // 10,
         T_keyframe_camera=stated,
-        keyframes=(KeyframeEstimate(key // 10, STAMPS_S[key], 0, T_world_key, (0.0, 0.0), False),) if k == key else (),
+        keyframes=(KeyframeEstimate(key // 10, STAMPS_NS[key], 0, T_world_key, (0.0, 0.0), False),) if k == key else (),
     )
 
 
@@ -60,7 +61,7 @@ def statuses(claimed=SIGMAS):
 
 
 def without_pose(status, state=TrackingState.LOST, message="too dark"):
-    return OdometryStatus(status.stamp_s, state, status.segment, message=message)
+    return OdometryStatus(status.stamp_ns, state, status.segment, message=message)
 
 
 def test_exact_poses_have_no_error():
@@ -107,7 +108,7 @@ def test_losses_and_the_motion_without_a_pose():
     assert result.first_pose == 50
     assert result.motion_before_first_pose_s() == pytest.approx((50 - STANDING) / HZ, abs=1e-3)
     assert result.motion_without_pose_s() == pytest.approx(90 / HZ, abs=1e-3)
-    event = STAMPS_S[395], STAMPS_S[450]
+    event = STAMPS_NS[395], STAMPS_NS[450]
     assert result.motion_without_pose_s(*event) == pytest.approx(39 / HZ, abs=1e-3)
     assert result.tracking_within(*event) == 5
 

@@ -7,6 +7,7 @@ from simulated_drive import Drive, Truth, simulate_drive
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, WheelConfig
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 
@@ -18,11 +19,17 @@ class Fused:
     estimator: FusionEstimator
     states: list
     wheel_poses: np.ndarray
-    scales: list  # (stamp_s, keyframe id, ScaleState) after each tracked image
+    scales: list  # (stamp_ns, keyframe id, ScaleState) after each tracked image
 
     @property
     def stamps(self):
-        return np.array([state.stamp_s for state in self.states])
+        """(n,) int64 nanoseconds."""
+        return np.array([state.stamp_ns for state in self.states], np.int64)
+
+    @property
+    def times_s(self):
+        """(n,) seconds since the drive began."""
+        return seconds(self.stamps - self.drive.stamps[0])
 
     @property
     def poses(self):
@@ -47,33 +54,32 @@ class Fused:
 
     def reasons(self, start_s, end_s):
         """All reasons given between two times from the start."""
-        begin = self.drive.stamps[0]
-        return {r for s in self.states if start_s <= s.stamp_s - begin <= end_s for r in s.reasons}
+        return {r for t, s in zip(self.times_s, self.states) if start_s <= t <= end_s for r in s.reasons}
 
 
 def fuse_drive(drive, config=FusionConfig(), keep_history=True):
     """Play a drive into the fusion, every event at its stamp."""
     estimator = FusionEstimator(drive.robot, config, keep_history)
     states, wheel_poses, scales = [], [], []
-    for stamp_s, is_camera, data in drive.events():
+    for stamp_ns, is_camera, data in drive.events():
         if is_camera:
             estimator.add_keyframes(data)
             estimator.add_frame(data)
             if data.keyframe_id >= 0 and estimator.scale.segment == data.segment:
-                scales.append((stamp_s, data.keyframe_id, estimator.scale))
+                scales.append((stamp_ns, data.keyframe_id, estimator.scale))
         else:
-            state = estimator.add_wheel_ticks(stamp_s, *data)
+            state = estimator.add_wheel_ticks(stamp_ns, *data)
             if state is not None:
                 states.append(state)
                 wheel_poses.append(estimator.wheels.total.pose)
     return Fused(drive, estimator, states, np.array(wheel_poses), scales)
 
 
-def drawn_runs(count, seconds, losses=()):
+def drawn_runs(count, duration_s, losses=()):
     """Errors at the end of runs whose truth is drawn from what the settings say of it.
 
     Args:
-        count, seconds: how many runs, and how long they are.
+        count, duration_s: how many runs, and how long they are.
         losses: times from start to end when the camera sees nothing.
 
     Yields:
@@ -90,9 +96,9 @@ def drawn_runs(count, seconds, losses=()):
             unit_m=4.5 * np.exp(0.2 * rng.normal()),
             losses=losses,
         )
-        fused = fuse_drive(simulate_drive(("loops", "square")[seed % 2], seconds, seed, drawn), keep_history=False)
+        fused = fuse_drive(simulate_drive(("loops", "square")[seed % 2], duration_s, seed, drawn), keep_history=False)
         last = fused.states[-1]
-        true = fused.drive.pose_at(last.stamp_s)
+        true = fused.drive.pose_at(last.stamp_ns)
         error = planar.logmap(planar.between(last.pose, true))
         covariance = planar.rotate_covariance(last.covariance, -last.pose[2])
         _, key, scale = fused.scales[-1]

@@ -7,6 +7,7 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import WheelConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -24,9 +25,9 @@ def normalised_errors():
     noise = WheelNoise(NOISE, WHEEL_BASE_M, 1e-4)
     constants = noise.constants_covariance(with_radius=True)
     true = np.column_stack([np.interp(rates[:, 0], truth[:, 0], column) for column in truth[:, 1:].T])
-    motion, normalised, yaw_sum = WheelMotion.nothing(rates[0, 0]), [], 0.0
+    motion, normalised, yaw_sum = WheelMotion.nothing(nanoseconds(rates[0, 0])), [], 0.0
     for before, row, pose in zip(rates, rates[1:], true[1:]):
-        step = WheelStep(before[0], row[0], row[1:] * (row[0] - before[0]))
+        step = WheelStep(nanoseconds(before[0]), nanoseconds(row[0]), row[1:] * (row[0] - before[0]))
         motion = noise.extend(motion, step)
         yaw_sum += step.twist[2]
         seen = planar.between(true[0], pose)

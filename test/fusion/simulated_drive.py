@@ -8,6 +8,7 @@ import numpy as np
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 
 RATE_HZ = 600  # of the simulated motion: a multiple of the wheels' 50 Hz and the camera's 30 Hz
 WHEEL_STEP, FRAME_STEP = RATE_HZ // 50, RATE_HZ // 30
@@ -58,14 +59,14 @@ class Drive:
     """Everything recorded of one drive, and the truth."""
 
     robot: RobotModel
-    stamps: np.ndarray  # at RATE_HZ
+    stamps: np.ndarray  # int64 nanoseconds, at RATE_HZ
     poses: np.ndarray  # (n, 3) true base poses, from the origin
-    ticks: List[Tuple[float, int, int]]
+    ticks: List[Tuple[int, int, int]]
     statuses: List[OdometryStatus]
     metres_per_unit: dict  # keyframe id -> true scale
 
-    def pose_at(self, stamp_s):
-        index = np.clip((stamp_s - self.stamps[0]) * RATE_HZ, 0, len(self.stamps) - 1)
+    def pose_at(self, stamp_ns):
+        index = np.clip(seconds(stamp_ns - self.stamps[0]) * RATE_HZ, 0, len(self.stamps) - 1)
         low = int(min(index, len(self.stamps) - 2))
         step = planar.logmap(planar.between(self.poses[low], self.poses[low + 1]))
         return planar.compose(self.poses[low], planar.expmap((index - low) * step))
@@ -77,13 +78,13 @@ class Drive:
     def events(self):
         """Samples and statuses in the order of their stamps."""
         wheel = [(stamp, 0, sample) for stamp, *sample in self.ticks]
-        camera = [(status.stamp_s, 1, status) for status in self.statuses]
+        camera = [(status.stamp_ns, 1, status) for status in self.statuses]
         return sorted(wheel + camera, key=lambda event: event[:2])
 
 
-def plan(name, seconds):
+def plan(name, duration_s):
     """Wanted (v, w) over time at RATE_HZ."""
-    n = int(seconds * RATE_HZ)
+    n = int(duration_s * RATE_HZ)
     t = np.arange(n) / RATE_HZ
     if name == "straight":
         v, w = np.full(n, 0.8), np.zeros(n)
@@ -112,8 +113,8 @@ def limited(wanted, rate):
     return result
 
 
-def true_motion(name, seconds):
-    v, w = plan(name, seconds)
+def true_motion(name, duration_s):
+    v, w = plan(name, duration_s)
     v, w = limited(v, 0.8), limited(w, 1.5)
     yaw = np.concatenate([[0.0], np.cumsum(w) / RATE_HZ])
     middle = yaw[:-1] + 0.5 * w / RATE_HZ
@@ -130,11 +131,11 @@ def encoder_ticks(stamps, v, w, robot, truth, rng):
     times = stamps[::WHEEL_STEP]
     steps = np.diff(turned, axis=0)
     for start, end in truth.slips:
-        steps[(times[1:] > stamps[0] + start) & (times[1:] <= stamps[0] + end), 0] *= 2.0
+        steps[(times[1:] > stamps[0] + nanoseconds(start)) & (times[1:] <= stamps[0] + nanoseconds(end)), 0] *= 2.0
     steps += truth.wheel_noise * np.sqrt(np.abs(steps)) * rng.normal(size=steps.shape)
     angle = np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)]) / radii
     counts = np.floor(angle * robot.ticks_per_turn / (2 * np.pi) + rng.uniform(size=2)).astype(np.int64)
-    return [(float(t), int(left), int(right)) for t, (left, right) in zip(times, counts)]
+    return [(int(t), int(left), int(right)) for t, (left, right) in zip(times, counts)]
 
 
 class VisualSimulator:
@@ -236,17 +237,21 @@ def record_camera(stamps, poses, truth, rng):
         T = planar.lift(poses[index]) @ wobble @ truth.T_base_camera
         lost = any(start <= t < end for start, end in truth.losses)
         jump = jumps.pop(0)[1] if jumps and t >= jumps[0][0] else 1.0
-        since = 1 if camera.frame(float(stamps[index] + truth.camera_delay_s), T, lost, since, jump) else since + 1
+        since = (
+            1
+            if camera.frame(int(stamps[index]) + nanoseconds(truth.camera_delay_s), T, lost, since, jump)
+            else since + 1
+        )
     return camera.statuses, camera.metres_per_unit
 
 
-def simulate_drive(name="loops", seconds=60.0, seed=0, truth=None, start_s=1000.0):
+def simulate_drive(name="loops", duration_s=60.0, seed=0, truth=None, start_ns=1_000 * 10**9):
     """Drive a sequence and record it."""
     truth = truth or Truth()
     rng = np.random.default_rng(seed)
     robot = RobotModel(truth.T_base_camera, 0.485, (0.098, 0.098), 4096.0)
-    poses, v, w = true_motion(name, seconds)
-    stamps = start_s + np.arange(len(poses)) / RATE_HZ
+    poses, v, w = true_motion(name, duration_s)
+    stamps = start_ns + np.rint(np.arange(len(poses)) * (1e9 / RATE_HZ)).astype(np.int64)
     ticks = encoder_ticks(stamps, v, w, robot, truth, rng)
     statuses, metres_per_unit = record_camera(stamps, poses, truth, rng)
     return Drive(robot, stamps, poses, ticks, statuses, metres_per_unit)

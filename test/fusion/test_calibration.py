@@ -35,7 +35,7 @@ def result_of(simulate, truth):
         robot = RobotModel(camera(guess_deg, (0.1, 0.0, 0.62)), 0.485, (0.098, 0.098))
         wheels = WheelOdometry(robot, WheelConfig())
         steps = [step for step in (wheels.add_ticks(*sample) for sample in drive.ticks) if step is not None]
-        poses = [CameraPose(s.stamp_s, s.segment, s.T_world_camera) for s in drive.statuses if s.keyframe_id >= 0]
+        poses = [CameraPose(s.stamp_ns, s.segment, s.T_world_camera) for s in drive.statuses if s.keyframe_id >= 0]
         return calibrate(steps, poses, robot)
 
     return run
@@ -114,9 +114,9 @@ def test_too_little_motion_is_said(result_of):
 
 def test_stamps_of_this_century_are_fine(simulate, truth):
     """Seconds since 1970 leave no room for the steps of a numeric derivative."""
-    drive = simulate("loops", 40.0, 0, truth(camera_delay_s=0.02, wheel_noise=3e-4), start_s=1.7e9)
+    drive = simulate("loops", 40.0, 0, truth(camera_delay_s=0.02, wheel_noise=3e-4), start_ns=1_700_000_000 * 10**9)
     wheels = WheelOdometry(drive.robot, WheelConfig())
     steps = [step for step in (wheels.add_ticks(*sample) for sample in drive.ticks) if step is not None]
-    poses = [CameraPose(s.stamp_s, s.segment, s.T_world_camera) for s in drive.statuses if s.keyframe_id >= 0]
+    poses = [CameraPose(s.stamp_ns, s.segment, s.T_world_camera) for s in drive.statuses if s.keyframe_id >= 0]
     found = values(calibrate(steps, poses, drive.robot))
     assert found["camera time offset"].value == pytest.approx(-0.02, abs=0.002)

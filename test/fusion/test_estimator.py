@@ -6,6 +6,7 @@ import pytest
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, ScaleConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
 
@@ -43,7 +44,9 @@ def test_covariances_are_finite_symmetric_and_positive(fused):
 
 def test_the_twist_is_the_true_one(fused):
     for state in fused.states[200::100]:
-        step = planar.between(*(fused.drive.pose_at(state.stamp_s + dt) for dt in (-0.02, 0.02))) / 0.04
+        step = (
+            planar.between(*(fused.drive.pose_at(state.stamp_ns + dt_ns) for dt_ns in (-20_000_000, 20_000_000))) / 0.04
+        )
         np.testing.assert_allclose(state.twist, step[[0, 2]], atol=0.1)
 
 
@@ -77,7 +80,7 @@ def test_an_output_depends_on_nothing_that_comes_later(loops, fuse, fused):
     half = dataclasses.replace(
         loops,
         ticks=loops.ticks[: len(loops.ticks) // 2],
-        statuses=[status for status in loops.statuses if status.stamp_s <= loops.ticks[len(loops.ticks) // 2][0]],
+        statuses=[status for status in loops.statuses if status.stamp_ns <= loops.ticks[len(loops.ticks) // 2][0]],
     )
     poses = fuse(half).poses
     assert poses.tobytes() == fused.poses[: len(poses)].tobytes()
@@ -87,11 +90,11 @@ def test_keyframes_that_come_late_change_little(loops, fused):
     """As from a node that optimises in another thread: the window is published 0.15 s after its frame."""
     estimator = FusionEstimator(loops.robot)
     events = [(stamp, order, data) for stamp, order, data in loops.events()]
-    events += [(status.stamp_s + 0.15, 2, status) for status in loops.statuses if status.keyframes]
+    events += [(status.stamp_ns + 150_000_000, 2, status) for status in loops.statuses if status.keyframes]
     poses = []
-    for stamp_s, kind, data in sorted(events, key=lambda event: event[:2]):
+    for stamp_ns, kind, data in sorted(events, key=lambda event: event[:2]):
         if kind == 0:
-            state = estimator.add_wheel_ticks(stamp_s, *data)
+            state = estimator.add_wheel_ticks(stamp_ns, *data)
             poses += [] if state is None else [state.pose]
         elif kind == 1:
             estimator.add_frame(data)
@@ -104,10 +107,10 @@ def test_keyframes_that_come_late_change_little(loops, fused):
 def test_set_pose_moves_the_output_and_goes_on_from_there(loops):
     estimator = FusionEstimator(loops.robot)
     wanted, states = np.array([5.0, -3.0, 2.0]), []
-    for index, (stamp_s, *counts) in enumerate(loops.ticks[:200]):
+    for index, (stamp_ns, *counts) in enumerate(loops.ticks[:200]):
         if index == 150:
             estimator.set_pose(wanted)
-        states.append(estimator.add_wheel_ticks(stamp_s, *counts))
+        states.append(estimator.add_wheel_ticks(stamp_ns, *counts))
     stayed = FusionEstimator(loops.robot)
     poses = [state.pose for state in (stayed.add_wheel_ticks(*sample) for sample in loops.ticks[:200]) if state]
     np.testing.assert_allclose(
@@ -119,12 +122,12 @@ def test_reset_begins_anew(loops, fuse, fused):
     estimator = FusionEstimator(loops.robot, keep_history=True)
     for _ in range(2):
         poses = []
-        for stamp_s, is_camera, data in loops.events():
+        for stamp_ns, is_camera, data in loops.events():
             if is_camera:
                 estimator.add_keyframes(data)
                 estimator.add_frame(data)
             else:
-                state = estimator.add_wheel_ticks(stamp_s, *data)
+                state = estimator.add_wheel_ticks(stamp_ns, *data)
                 poses += [] if state is None else [state.pose]
         assert np.array(poses).tobytes() == fused.poses.tobytes()
         estimator.reset()
@@ -143,12 +146,12 @@ def test_a_robot_that_has_an_odometry_needs_no_ticks(loops, fused):
     """Any frame will do: here it does not begin at zero."""
     elsewhere, estimator, poses = np.array([7.0, -2.0, 1.0]), FusionEstimator(loops.robot), []
     odometry = iter([elsewhere, *(planar.compose(elsewhere, pose) for pose in fused.wheel_poses)])
-    for stamp_s, is_camera, data in loops.events():
+    for stamp_ns, is_camera, data in loops.events():
         if is_camera:
             estimator.add_keyframes(data)
             estimator.add_frame(data)
         else:
-            state = estimator.add_wheel_odometry(stamp_s, next(odometry))
+            state = estimator.add_wheel_odometry(stamp_ns, next(odometry))
             poses += [] if state is None else [state.pose]
     np.testing.assert_allclose(poses, fused.poses, atol=1e-6)
 
@@ -160,12 +163,12 @@ def test_repeated_and_disordered_images_are_no_harm(loops, fuse, fused):
     estimator = FusionEstimator(loops.robot)
     events = iter(statuses)
     status, poses = next(events), []
-    for stamp_s, *counts in loops.ticks:
-        while status is not None and status.stamp_s <= stamp_s:
+    for stamp_ns, *counts in loops.ticks:
+        while status is not None and status.stamp_ns <= stamp_ns:
             estimator.add_keyframes(status)
             estimator.add_frame(status)
             status = next(events, None)
-        state = estimator.add_wheel_ticks(stamp_s, *counts)
+        state = estimator.add_wheel_ticks(stamp_ns, *counts)
         poses += [] if state is None else [state.pose]
     assert np.abs(np.array(poses)[:, :2] - fused.poses[:, :2]).max() < 0.02
 
@@ -193,28 +196,30 @@ def test_an_odometry_that_is_reset_begins_a_new_segment(simulate, truth, fuse):
 def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, truth, fuse):
     drive = simulate("loops", 20.0, 1, truth())
     begin = drive.stamps[0]
-    silent = [sample for sample in drive.ticks if not 10.0 < sample[0] - begin < 13.0]
+    silent = [sample for sample in drive.ticks if not 10.0 < seconds(sample[0] - begin) < 13.0]
     estimator, outputs = FusionEstimator(drive.robot), []
-    for stamp_s, is_camera, data in dataclasses.replace(drive, ticks=silent).events():
+    for stamp_ns, is_camera, data in dataclasses.replace(drive, ticks=silent).events():
         if is_camera:
             outputs += [estimator.add_keyframes(data), estimator.add_frame(data)]
         else:
-            outputs.append(estimator.add_wheel_ticks(stamp_s, *data))
+            outputs.append(estimator.add_wheel_ticks(stamp_ns, *data))
     outputs = [state for state in outputs if state is not None]
-    blind = [state for state in outputs if 11.0 < state.stamp_s - begin < 12.9]
+    blind = [state for state in outputs if 11.0 < seconds(state.stamp_ns - begin) < 12.9]
     assert len(blind) > 40
     for state in blind:
         assert state.state is FusionState.DEGRADED
         assert any(reason.startswith("wheels: silent") for reason in state.reasons)
-        assert np.hypot(*(state.pose - drive.pose_at(state.stamp_s))[:2]) < 0.1
+        assert np.hypot(*(state.pose - drive.pose_at(state.stamp_ns))[:2]) < 0.1
     assert outputs[-1].state is FusionState.CONVERGED
-    assert np.hypot(*(outputs[-1].pose - drive.pose_at(outputs[-1].stamp_s))[:2]) < 0.1
-    assert (np.diff([state.stamp_s for state in outputs]) > 0).all()
+    assert np.hypot(*(outputs[-1].pose - drive.pose_at(outputs[-1].stamp_ns))[:2]) < 0.1
+    assert (np.diff([state.stamp_ns for state in outputs]) > 0).all()
 
 
 def test_a_silent_camera_is_reported(loops, fuse):
     begin = loops.stamps[0]
-    quiet = dataclasses.replace(loops, statuses=[s for s in loops.statuses if not 10.0 < s.stamp_s - begin < 13.0])
+    quiet = dataclasses.replace(
+        loops, statuses=[s for s in loops.statuses if not 10.0 < seconds(s.stamp_ns - begin) < 13.0]
+    )
     fused = fuse(quiet)
     assert any(reason.startswith("camera: silent") for reason in fused.reasons(11.5, 12.9))
     assert fused.reasons(14.5, 25.0) == set()
@@ -231,13 +236,13 @@ def test_a_covered_lens_is_reported_and_the_wheels_go_on(simulate, truth, fuse):
     assert np.hypot(*(fused.poses[-1] - fused.truth(fused.stamps[-1:])[0])[:2]) < drift + 0.02 + yaw_lever(fused, 17.0)
 
 
-@pytest.mark.parametrize("seconds", [5.0, 14.0])  # the latter longer than single steps are remembered
-def test_what_the_wheels_did_of_late_bridges_a_covered_lens(simulate, truth, fuse, seconds):
+@pytest.mark.parametrize("blind_s", [5.0, 14.0])  # the latter longer than single steps are remembered
+def test_what_the_wheels_did_of_late_bridges_a_covered_lens(simulate, truth, fuse, blind_s):
     """Their wrong constants turn the wheels by 0.02 rad a metre; as seen beside the camera before, by far less."""
-    end_s = 15.0 + seconds
+    end_s = 15.0 + blind_s
     true = truth(ratio=0.01, base=0.01, wheel_noise=5e-4, losses=((15.0, end_s),))
     fused = fuse(simulate("loops", end_s + 4.0, 5, true))
-    blind = slice(*np.searchsorted(fused.stamps - fused.drive.stamps[0], [15.0, end_s]))
+    blind = slice(*np.searchsorted(fused.times_s, [15.0, end_s]))
     yaws = np.unwrap(fused.truth(fused.stamps[blind])[:, 2])
     wheels, published = (np.unwrap(poses[blind, 2]) - yaws for poses in (fused.wheel_poses, fused.poses))
     assert abs(published[-1] - published[0]) < 0.6 * abs(wheels[-1] - wheels[0])
@@ -246,14 +251,14 @@ def test_what_the_wheels_did_of_late_bridges_a_covered_lens(simulate, truth, fus
 
 def drift_of_wheels(fused, start_s, end_s):
     """Error of the wheels' motion over an interval."""
-    first, last = np.searchsorted(fused.stamps - fused.drive.stamps[0], [start_s, end_s])
+    first, last = np.searchsorted(fused.times_s, [start_s, end_s])
     true = fused.truth(fused.stamps[[first, last]])
     return planar.between(planar.between(*true), planar.between(fused.wheel_poses[first], fused.wheel_poses[last]))
 
 
 def yaw_lever(fused, since_s):
     """How far the yaw that the wheels lost while blind moves the end of the drive."""
-    true = fused.truth([fused.drive.stamps[0] + since_s, fused.stamps[-1]])
+    true = fused.truth([fused.drive.stamps[0] + nanoseconds(since_s), fused.stamps[-1]])
     return abs(drift_of_wheels(fused, 12.0, 17.0)[2]) * np.hypot(*(true[1] - true[0])[:2])
 
 
@@ -261,7 +266,8 @@ def test_slip_is_reported_and_does_little_harm(simulate, truth, fuse):
     slips = ((8.0, 8.5), (15.0, 15.5))
     fused = fuse(simulate("loops", 22.0, 6, truth(slips=slips)))
     begin = fused.drive.stamps[0]
-    assert [(round(r.start_s - begin), round(r.end_s - begin)) for r in fused.estimator.slips] == [(8, 9), (15, 16)]
+    within = [(seconds(r.start_ns - begin), seconds(r.end_ns - begin)) for r in fused.estimator.slips]
+    assert [(round(start_s), round(end_s)) for start_s, end_s in within] == [(8, 9), (15, 16)]
     assert "wheels: slip" in fused.reasons(8.2, 8.9)
     assert fused.reasons(10.0, 14.8) == set()
     assert largest_jump(fused) < 0.1  # the wheels themselves jump until the first image contradicts them
@@ -300,12 +306,12 @@ def test_a_time_offset_of_the_camera_is_taken_into_account(simulate, truth, fuse
 def test_prediction_is_the_motion_of_the_camera_in_its_own_unit(loops):
     estimator, checked = FusionEstimator(loops.robot), 0
     before = None
-    for stamp_s, is_camera, data in loops.events():
+    for stamp_ns, is_camera, data in loops.events():
         if not is_camera:
-            estimator.add_wheel_ticks(stamp_s, *data)
+            estimator.add_wheel_ticks(stamp_ns, *data)
             continue
         if before is not None and data.state is TrackingState.TRACKING and estimator.scale.converged:
-            motion = estimator.predict_camera_motion(before.stamp_s, data.stamp_s)
+            motion = estimator.predict_camera_motion(before.stamp_ns, data.stamp_ns)
             if before.keyframe_id == data.keyframe_id:
                 seen = np.linalg.inv(before.T_keyframe_camera) @ data.T_keyframe_camera
                 error = seen[:3, 3] - motion.T_start_end[:3, 3]
@@ -325,7 +331,7 @@ def test_prediction_needs_wheels_and_a_keyframe(loops):
 
 def test_a_lost_image_before_anything_else_is_no_harm(loops):
     estimator = FusionEstimator(loops.robot)
-    status = OdometryStatus(loops.stamps[0], TrackingState.LOST, 0, message="dark")
+    status = OdometryStatus(int(loops.stamps[0]), TrackingState.LOST, 0, message="dark")
     estimator.add_keyframes(status)
     estimator.add_frame(status)
     states = [estimator.add_wheel_ticks(*sample) for sample in loops.ticks[:5]]

@@ -16,7 +16,7 @@ def random_visual(rng):
 
 
 def random_wheels(rng):
-    return WheelMotion(0.0, 1.0, rng.normal(size=3), np.eye(3), 0.5 * rng.normal(size=(3, 3)))
+    return WheelMotion(0, 1_000_000_000, rng.normal(size=3), np.eye(3), 0.5 * rng.normal(size=(3, 3)))
 
 
 def random_values(rng, calibration_sigma=0.1):

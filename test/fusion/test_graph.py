@@ -24,12 +24,12 @@ def chain(count, rng=None, wheel_turn=0.0, segment_at=None):
         twist = np.array([0.15, 0.0, 0.1 * np.sin(0.3 * end)])
         poses.append(planar.compose(poses[-1], planar.expmap(twist)))
         seen = np.array([0.15, 0.0, twist[2] + 0.15 * wheel_turn])
-        step = WheelStep(end - 1.0, float(end), seen)
+        step = WheelStep((end - 1) * 10**9, end * 10**9, seen)
         noise = np.zeros(3)
         if rng is not None:
             noise = rng.normal(size=3) * [1.5e-4, 1.5e-4, 2e-4]
             step = replace(step, twist=seen + np.linalg.cholesky(NOISE.white(step)) @ rng.normal(size=3))
-        wheels = NOISE.extend(WheelMotion.nothing(end - 1.0), step)
+        wheels = NOISE.extend(WheelMotion.nothing((end - 1) * 10**9), step)
         first = end == 1 or end == segment_at
         scale = 1.4 * SCALE if segment_at is not None and end >= segment_at else SCALE
         camera = planar.lift(planar.expmap(twist))
@@ -37,7 +37,7 @@ def chain(count, rng=None, wheel_turn=0.0, segment_at=None):
         visual = VisualMotion(
             (camera[:2, 3] + turned[:2]) / scale + noise[:2], 0.0, twist[2] + noise[2], np.zeros(2), LEVER
         )
-        intervals.append(Interval(end, float(end), wheels, None if first else visual, continues=not first))
+        intervals.append(Interval(end, end * 10**9, wheels, None if first else visual, continues=not first))
     return intervals, poses
 
 
@@ -84,8 +84,8 @@ def test_scale_of_a_new_segment_is_estimated_anew_and_the_pose_is_kept():
 def without_shift(interval):
     """Turned on the spot: the camera is above the turning centre and sees no motion that could tell the scale."""
     turned = replace(interval.visual, shift=np.zeros(2), lever_m=np.zeros(3))
-    step = WheelStep(interval.end - 1.0, float(interval.end), np.array([0.0, 0.0, interval.visual.yaw]))
-    return replace(interval, visual=turned, wheels=NOISE.extend(WheelMotion.nothing(interval.end - 1.0), step))
+    step = WheelStep((interval.end - 1) * 10**9, interval.end * 10**9, np.array([0.0, 0.0, interval.visual.yaw]))
+    return replace(interval, visual=turned, wheels=NOISE.extend(WheelMotion.nothing((interval.end - 1) * 10**9), step))
 
 
 @pytest.mark.parametrize("untold", [without_shift, lambda interval: replace(interval, visual=None)])
@@ -123,7 +123,7 @@ def test_smoothing_ends_where_the_live_estimate_ends():
     nodes = smooth(intervals, config(), NOISE)
     assert len(nodes) == 80
     np.testing.assert_allclose(nodes[-1].pose, live.pose, atol=1e-4)
-    assert nodes[-1].stamp_s == live.stamp_s
+    assert nodes[-1].stamp_ns == live.stamp_ns
 
 
 def test_one_wrong_visual_motion_does_little_harm():
@@ -153,8 +153,8 @@ def test_revising_what_has_left_the_window_changes_nothing():
 
 def test_slipping_wheels_have_no_say():
     intervals, poses = chain(40)
-    slip = WheelMotion.nothing(29.0)
-    slip = NOISE.extend(slip, WheelStep(29.0, 30.0, np.array([0.25, 0.0, 0.5])))
+    slip = WheelMotion.nothing(29 * 10**9)
+    slip = NOISE.extend(slip, WheelStep(29 * 10**9, 30 * 10**9, np.array([0.25, 0.0, 0.5])))
     intervals[29] = replace(intervals[29], wheels=slip, wheels_slip=True)
     estimate = run(WindowGraph(config(), NOISE), intervals)
     np.testing.assert_allclose(estimate.pose, poses[-1], atol=3e-3)

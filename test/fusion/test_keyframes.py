@@ -7,7 +7,7 @@ from ceiling_dso_ros.fusion.keyframes import KeyframeChain
 def keyframe(key, x, segment=0):
     T = np.eye(4)
     T[0, 3] = x
-    return KeyframeEstimate(key, float(key), segment, T, (0.0, 0.0), leaves=False)
+    return KeyframeEstimate(key, key * 10**9, segment, T, (0.0, 0.0), leaves=False)
 
 
 def linked(chain, keyframes, first_node=1):
@@ -70,7 +70,7 @@ def test_a_window_that_comes_late_is_ignored():
 def test_an_odometry_that_was_reset_counts_anew():
     chain = KeyframeChain()
     linked(chain, [keyframe(5, 0.0), keyframe(6, 1.0)])
-    first, second = (KeyframeEstimate(k, 100.0 + k, 0, np.eye(4), (0.0, 0.0), leaves=False) for k in range(2))
+    first, second = (KeyframeEstimate(k, (100 + k) * 10**9, 0, np.eye(4), (0.0, 0.0), leaves=False) for k in range(2))
     assert [k.keyframe_id for k in chain.update([first, second])] == [0, 1]
     assert not chain.continues(first)
     assert chain.motion_to(first) is None

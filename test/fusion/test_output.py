@@ -12,12 +12,12 @@ CONFIG = OutputConfig()
 
 
 def wheel_steps(count, rate=(0.8, 0.0, 0.3)):
-    return [WheelStep(k / 50, (k + 1) / 50, np.array(rate) / 50) for k in range(count)]
+    return [WheelStep(k * 20_000_000, (k + 1) * 20_000_000, np.array(rate) / 50) for k in range(count)]
 
 
-def estimate(stamp_s, pose, sigma=0.01):
+def estimate(stamp_ns, pose, sigma=0.01):
     constants = np.diag([1e-4, 1e-4])
-    return GraphEstimate(stamp_s, np.array(pose), np.eye(3) * sigma**2, 1.4, 0.002, np.zeros(2), constants)
+    return GraphEstimate(stamp_ns, np.array(pose), np.eye(3) * sigma**2, 1.4, 0.002, np.zeros(2), constants)
 
 
 def test_without_correction_the_blended_pose_follows_the_motion_exactly():
@@ -50,13 +50,13 @@ def test_the_twist_is_that_of_the_wheels_without_their_ticks():
     twist, rng = TwistFilter(CONFIG, NOISE), np.random.default_rng(0)
     for step in wheel_steps(200):
         noise = rng.normal(size=3) * [1e-4, 0.0, 4e-4]
-        twist.add_step(WheelStep(step.start_s, step.end_s, step.twist + noise))
+        twist.add_step(WheelStep(step.start_ns, step.end_ns, step.twist + noise))
     np.testing.assert_allclose(twist.twist, [0.8, 0.3], atol=0.02)
     assert (np.diag(twist.covariance) > 0).all()
 
 
 def test_until_a_keyframe_comes_the_output_is_dead_reckoning():
-    live = LiveOutput(CONFIG, NOISE, 0.0)
+    live = LiveOutput(CONFIG, NOISE, 0)
     for step in wheel_steps(50):
         live.predict(step, slipping=False)
         pose, _, _ = live.publish(step)
@@ -64,7 +64,7 @@ def test_until_a_keyframe_comes_the_output_is_dead_reckoning():
 
 
 def test_covariance_grows_while_blind_and_holds_the_radius_of_the_wheels():
-    live, sigmas = LiveOutput(CONFIG, NOISE, 0.0), []
+    live, sigmas = LiveOutput(CONFIG, NOISE, 0), []
     for step in wheel_steps(500, rate=(0.8, 0.0, 0.0)):
         live.predict(step, slipping=False)
         sigmas.append(np.sqrt(np.diag(live.publish(step)[0].covariance)))
@@ -73,13 +73,13 @@ def test_covariance_grows_while_blind_and_holds_the_radius_of_the_wheels():
 
 
 def test_after_a_keyframe_the_output_comes_to_the_graphs_estimate():
-    live, steps = LiveOutput(CONFIG, NOISE, 0.0), wheel_steps(150)
+    live, steps = LiveOutput(CONFIG, NOISE, 0), wheel_steps(150)
     for step in steps[:50]:
         live.predict(step, slipping=False)
         live.publish(step)
     correction = np.array([0.05, 0.02, 0.03])
     at_keyframe = planar.compose(planar.expmap(np.array([0.8, 0.0, 0.3]) * 0.9), correction)
-    live.restart(estimate(0.9, at_keyframe), steps[45:50])
+    live.restart(estimate(900_000_000, at_keyframe), steps[45:50])
     for step in steps[50:]:
         live.predict(step, slipping=False)
         pose, _, _ = live.publish(step)
@@ -88,9 +88,9 @@ def test_after_a_keyframe_the_output_comes_to_the_graphs_estimate():
 
 
 def test_slipping_wheels_are_replaced_by_going_on_as_before():
-    live = LiveOutput(CONFIG, NOISE, 0.0)
+    live = LiveOutput(CONFIG, NOISE, 0)
     for step in wheel_steps(50, rate=(0.8, 0.0, 0.0)):
         live.predict(step, slipping=False)
-    believed = live.predict(WheelStep(1.0, 1.02, np.array([0.05, 0.0, 0.1])), slipping=True)
+    believed = live.predict(WheelStep(1_000_000_000, 1_020_000_000, np.array([0.05, 0.0, 0.1])), slipping=True)
     np.testing.assert_allclose(believed.twist, [0.016, 0.0, 0.0], atol=1e-3)
     assert not believed.known

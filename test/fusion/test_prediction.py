@@ -4,6 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.fusion import planar, prediction
 from ceiling_dso_ros.fusion.config import WheelConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
@@ -24,13 +25,14 @@ def mount():
 def track(seconds=2.0):
     result = WheelTrack(NOISE)
     for index in range(int(seconds * 50)):
-        result.add(WheelStep(index / 50, (index + 1) / 50, RATE / 50))
+        result.add(WheelStep(index * 20_000_000, (index + 1) * 20_000_000, RATE / 50))
     return result
 
 
 def predict(start_s, end_s, sigma=0.002, constants=(0.0, 0.0)):
-    estimate = GraphEstimate(0.0, np.zeros(3), np.eye(3), np.log(SCALE), sigma, np.array(constants), CONSTANTS)
-    return predict_camera_motion(track(), NOISE, mount(), estimate, start_s, end_s)
+    estimate = GraphEstimate(0, np.zeros(3), np.eye(3), np.log(SCALE), sigma, np.array(constants), CONSTANTS)
+    span_ns = nanoseconds(start_s), nanoseconds(end_s)
+    return predict_camera_motion(track(), NOISE, mount(), estimate, *span_ns)
 
 
 def expected(seconds, rate=RATE):
@@ -57,7 +59,7 @@ def test_covariance_is_that_of_random_wheels(monkeypatch):
     monkeypatch.setattr(prediction, "WOBBLE_RAD", 1e-6)
     monkeypatch.setattr(prediction, "WOBBLE_M", 1e-6)
     rng, T = np.random.default_rng(0), predict(1.0, 1.3)
-    step = WheelStep(0.0, 0.02, RATE / 50)
+    step = WheelStep(0, 20_000_000, RATE / 50)
     root = np.linalg.cholesky(NOISE.white(step) + 1e-18 * np.eye(3))
     errors = []
     for _ in range(3000):

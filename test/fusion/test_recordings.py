@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -31,18 +32,20 @@ def statuses(every=5):
     """Every fifth frame as a keyframe."""
     rows = np.loadtxt(FOLDER / "reference_final.tum")
     window, result = [], []
-    for index, (stamp_s, T) in enumerate(zip(rows[:, 0], matrices(rows))):
+    for index, (stamp_ns, T) in enumerate(zip(map(nanoseconds, rows[:, 0]), matrices(rows))):
         is_keyframe = index == 0 or index % every == 1
         if is_keyframe:
             key = window[-1].keyframe_id + 1 if window else 0
-            window = [*window, KeyframeEstimate(key, stamp_s, 0, T, (0.0, 0.0), leaves=False)][-7:]
+            window = [*window, KeyframeEstimate(key, stamp_ns, 0, T, (0.0, 0.0), leaves=False)][-7:]
         if index == 0:
             continue  # the odometry tells of its first keyframe when it has initialised
         T_relative = np.linalg.inv(window[-1].T_world_camera) @ T
         shown = tuple(window) if is_keyframe else ()
         key = window[-1].keyframe_id
         result.append(
-            OdometryStatus(stamp_s, TrackingState.TRACKING, 0, T, np.eye(6) * 1e-8, is_keyframe, key, T_relative, shown)
+            OdometryStatus(
+                stamp_ns, TrackingState.TRACKING, 0, T, np.eye(6) * 1e-8, is_keyframe, key, T_relative, shown
+            )
         )
     return result
 
@@ -57,13 +60,13 @@ def estimator():
     robot = RobotModel(T, values["wheel_base"], tuple(values["wheel_radius"]), values["ticks_per_turn"])
     result = FusionEstimator(robot, FusionConfig(), keep_history=True)
     ticks = np.loadtxt(FOLDER / "encoders.csv", delimiter=",", skiprows=1)
-    events = [(row[0], 0, row) for row in ticks] + [(status.stamp_s, 1, status) for status in statuses()]
-    for stamp_s, is_camera, data in sorted(events, key=lambda event: event[:2]):
+    events = [(nanoseconds(row[0]), 0, row) for row in ticks] + [(status.stamp_ns, 1, status) for status in statuses()]
+    for stamp_ns, is_camera, data in sorted(events, key=lambda event: event[:2]):
         if is_camera:
             result.add_keyframes(data)
             result.add_frame(data)
         else:
-            result.add_wheel_ticks(stamp_s, int(data[1]), int(data[2]))
+            result.add_wheel_ticks(stamp_ns, int(data[1]), int(data[2]))
     return result
 
 
@@ -76,7 +79,7 @@ def truth():
 def test_the_smoothed_path_has_the_true_shape(estimator, truth):
     nodes = estimator.smoothed()
     stamps, positions = truth
-    true = np.column_stack([np.interp([n.stamp_s for n in nodes], stamps, column) for column in positions.T])
+    true = np.column_stack([np.interp([seconds(n.stamp_ns) for n in nodes], stamps, column) for column in positions.T])
     found = np.array([node.pose[:2] for node in nodes])
     a, b = true - true.mean(axis=0), found - found.mean(axis=0)
     turn = np.arctan2((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum(), (a * b).sum())

@@ -9,13 +9,14 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 
 NOISE = WheelNoise(WheelConfig(), 0.5, 1e-4)
 SCALE, SIGMA = 4.0, 0.002
+STEP_NS = 170_000_000
 
 
-def interval(end, wheel=(0.15, 0.01), camera=(0.15, 0.01), step_s=0.17):
+def interval(end, wheel=(0.15, 0.01), camera=(0.15, 0.01)):
     """Wheels and camera as (forward m, turn rad)."""
-    step = WheelStep((end - 1) * step_s, end * step_s, np.array([wheel[0], 0.0, wheel[1]]))
+    step = WheelStep((end - 1) * STEP_NS, end * STEP_NS, np.array([wheel[0], 0.0, wheel[1]]))
     visual = VisualMotion(np.array([camera[0] / SCALE, 0.0]), 0.0, camera[1], np.zeros(2), np.zeros(3))
-    return Interval(end, step.end_s, NOISE.extend(WheelMotion.nothing(step.start_s), step), visual, continues=True)
+    return Interval(end, step.end_ns, NOISE.extend(WheelMotion.nothing(step.start_ns), step), visual, continues=True)
 
 
 def feed(monitor, intervals, scale_known=True):
@@ -56,16 +57,16 @@ def test_near_slips_are_one_report_and_far_ones_two(monitor):
     bad = (0.15, 0.2)
     feed(monitor, [interval(k, wheel=bad if k in (3, 4, 6, 30) else (0.15, 0.01)) for k in range(1, 40)])
     assert len(monitor.reports) == 2
-    assert monitor.reports[0].start_s == pytest.approx(2 * 0.17)
-    assert monitor.reports[0].end_s == pytest.approx(6 * 0.17)
+    assert monitor.reports[0].start_ns == 2 * STEP_NS
+    assert monitor.reports[0].end_ns == 6 * STEP_NS
 
 
 def test_a_distance_that_stays_wrong_by_one_factor_is_a_jump_of_the_scale(monitor):
     results = feed(monitor, [interval(k, camera=(0.15 if k < 10 else 0.15 * 0.8, 0.01)) for k in range(1, 20)])
     jumps = [jump for _, jump in results if jump is not None]
     assert jumps[:1] == [10]
-    monitor.forget(9 * 0.17)
-    assert all(report.end_s <= 9 * 0.17 for report in monitor.reports)
+    monitor.forget(9 * STEP_NS)
+    assert all(report.end_ns <= 9 * STEP_NS for report in monitor.reports)
 
 
 def test_a_small_jump_that_no_single_step_shows_is_found(monitor):

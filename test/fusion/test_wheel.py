@@ -4,6 +4,7 @@ import pytest
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelOdometry, WheelStep
 
 TICKS, RADIUS, BASE = 4000.0, 0.1, 0.5
@@ -28,7 +29,7 @@ def odometry(**changes):
 
 def drive(wheels, counts, dt=0.1):
     """Feed (left, right) counters; returns the steps."""
-    return [wheels.add_ticks(index * dt, *count) for index, count in enumerate(counts)]
+    return [wheels.add_ticks(nanoseconds(index * dt), *count) for index, count in enumerate(counts)]
 
 
 def test_a_quarter_circle_is_integrated_exactly_in_one_step():
@@ -40,7 +41,7 @@ def test_a_quarter_circle_is_integrated_exactly_in_one_step():
 
 def test_the_first_sample_is_the_origin_whatever_the_counters_show():
     wheels = odometry()
-    assert wheels.add_ticks(5.0, 123456, -98765) is None
+    assert wheels.add_ticks(5_000_000_000, 123456, -98765) is None
     np.testing.assert_array_equal(wheels.total.pose, 0.0)
 
 
@@ -78,21 +79,21 @@ def test_reversed_wheels_count_the_other_way():
 
 def test_repeated_older_and_broken_samples_are_dropped_and_lose_no_motion():
     wheels = odometry()
-    wheels.add_ticks(0.0, 0, 0)
-    wheels.add_ticks(0.1, 100, 100)
-    for stamp, left in ((0.1, 100), (0.05, 50), (float("nan"), 120), (0.15, float("nan"))):
+    wheels.add_ticks(0, 0, 0)
+    wheels.add_ticks(100_000_000, 100, 100)
+    for stamp, left in ((100_000_000, 100), (50_000_000, 50), (150_000_000, float("nan"))):
         assert wheels.add_ticks(stamp, left, 100) is None
         assert wheels.message
-    assert wheels.dropped == 4
-    step = wheels.add_ticks(0.2, 200, 200)
-    assert (step.start_s, step.end_s, wheels.message) == (0.1, 0.2, "")
+    assert wheels.dropped == 3
+    step = wheels.add_ticks(200_000_000, 200, 200)
+    assert (step.start_ns, step.end_ns, wheels.message) == (100_000_000, 200_000_000, "")
     assert wheels.total.pose[0] == pytest.approx(200 * TICK_M)
 
 
 def test_a_gap_is_one_long_step():
     wheels = odometry()
-    wheels.add_ticks(0.0, 0, 0)
-    step = wheels.add_ticks(2.0, 4000, 4000)
+    wheels.add_ticks(0, 0, 0)
+    step = wheels.add_ticks(2_000_000_000, 4000, 4000)
     assert step.known
     assert step.twist[0] == pytest.approx(4000 * TICK_M)
 
@@ -102,9 +103,9 @@ def test_angles_give_what_ticks_give_endless_or_wrapped():
     for index in range(40):
         left, right = 90 * index, 110 * index
         angles = 2 * np.pi * np.array([left, right]) / TICKS
-        ticks.add_ticks(0.02 * index, left, right)
-        endless.add_angles(0.02 * index, *angles)
-        wrapped.add_angles(0.02 * index, *np.angle(np.exp(1j * angles)))
+        ticks.add_ticks(20_000_000 * index, left, right)
+        endless.add_angles(20_000_000 * index, *angles)
+        wrapped.add_angles(20_000_000 * index, *np.angle(np.exp(1j * angles)))
     np.testing.assert_allclose(endless.total.pose, ticks.total.pose, atol=1e-9)
     np.testing.assert_allclose(wrapped.total.pose, ticks.total.pose, atol=1e-9)
 
@@ -113,15 +114,18 @@ def test_an_odometry_is_taken_as_it_is():
     wheels = odometry()
     poses = [np.array([3.0 + 0.1 * k, 4.0 + 0.02 * k * k, 0.05 * k]) for k in range(6)]
     for index, pose in enumerate(poses):
-        wheels.add_pose(0.1 * index, pose)
+        wheels.add_pose(100_000_000 * index, pose)
     np.testing.assert_allclose(wheels.total.pose, planar.between(poses[0], poses[-1]), atol=1e-12)
 
 
 def test_parts_of_a_step_make_the_step():
     noise = WheelNoise(WheelConfig(), BASE, TICK_M)
-    step = WheelStep(1.0, 2.0, np.array([0.5, 0.0, 0.4]))
-    whole = noise.extend(WheelMotion.nothing(1.0), step)
-    parts = noise.extend(noise.extend(WheelMotion.nothing(1.0), step.clip(0.0, 1.3)), step.clip(1.3, 9.0))
+    step = WheelStep(1_000_000_000, 2_000_000_000, np.array([0.5, 0.0, 0.4]))
+    whole = noise.extend(WheelMotion.nothing(1_000_000_000), step)
+    parts = noise.extend(
+        noise.extend(WheelMotion.nothing(1_000_000_000), step.clip(0, 1_300_000_000)),
+        step.clip(1_300_000_000, 9_000_000_000),
+    )
     np.testing.assert_allclose(parts.pose, whole.pose, atol=1e-12)
     np.testing.assert_allclose(parts.jacobian, whole.jacobian, atol=1e-12)
     np.testing.assert_allclose(parts.noise, whole.noise, atol=0.02 * np.abs(whole.noise).max())
@@ -149,7 +153,7 @@ def test_covariance_is_that_of_simulated_wheels():
     noise = WheelNoise(config, BASE, 1e-9)
     rng = np.random.default_rng(0)
     true = np.tile([0.02, 0.05], (60, 1))  # left and right wheel, metres a step
-    ends, motion = [], WheelMotion.nothing(0.0)
+    ends, motion = [], WheelMotion.nothing(0)
     for _ in range(4000):
         wheels = true + config.noise_m_per_sqrt_m * np.sqrt(true) * rng.normal(size=true.shape)
         twists = np.column_stack([wheels.mean(axis=1), np.zeros(60), (wheels[:, 1] - wheels[:, 0]) / BASE])
@@ -158,7 +162,7 @@ def test_covariance_is_that_of_simulated_wheels():
             pose = planar.compose(pose, planar.expmap(twist))
         ends.append(pose)
     for index, (left, right) in enumerate(true):
-        step = WheelStep(index, index + 1, np.array([(left + right) / 2, 0.0, (right - left) / BASE]))
+        step = WheelStep(index * 10**9, (index + 1) * 10**9, np.array([(left + right) / 2, 0.0, (right - left) / BASE]))
         motion = noise.extend(motion, step)
     errors = np.array([planar.between(motion.pose, end) for end in ends])
     predicted = noise.covariance(motion, np.zeros((3, 3)))
@@ -192,6 +196,8 @@ def test_a_corrected_step_is_that_of_the_true_wheels():
 def test_the_way_of_a_circle_is_not_its_chord():
     wheels, turn = odometry(), 4.0 * np.pi
     for k in range(401):
-        wheels.add_ticks(0.1 * k, *np.round(np.array([1.0 - BASE / 2, 1.0 + BASE / 2]) * turn * k / 400 / TICK_M))
+        wheels.add_ticks(
+            100_000_000 * k, *np.round(np.array([1.0 - BASE / 2, 1.0 + BASE / 2]) * turn * k / 400 / TICK_M)
+        )
     assert np.hypot(*wheels.total.pose[:2]) < 0.05
     assert wheels.noise.way_m(wheels.total) == pytest.approx(turn * (1.0 + BASE / 2), rel=0.01)

@@ -17,13 +17,13 @@ def drive(twists, true=(0.0, 0.0), rng=None, **changes):
     """Intervals of true arcs, seen by the camera and by wheels with true (ln ratio, ln base) and their noise."""
     intervals = []
     for end, twist in enumerate(twists, start=1):
-        step = NOISE.corrected(WheelStep(end - 1.0, float(end), twist), -np.array(true))
+        step = NOISE.corrected(WheelStep((end - 1) * 10**9, end * 10**9, twist), -np.array(true))
         if rng is not None:
             error = np.linalg.cholesky(NOISE.white(step) + 1e-12 * np.eye(3)) @ rng.normal(size=3)
-            step = WheelStep(step.start_s, step.end_s, step.twist + error)
-        wheels = NOISE.extend(WheelMotion.nothing(step.start_s), step)
+            step = WheelStep(step.start_ns, step.end_ns, step.twist + error)
+        wheels = NOISE.extend(WheelMotion.nothing(step.start_ns), step)
         visual = VisualMotion(twist[:2] / 4.0, 0.0, twist[2], np.zeros(2), np.zeros(3))
-        intervals.append(Interval(end, float(end), wheels, **{"visual": visual, "continues": True, **changes}))
+        intervals.append(Interval(end, end * 10**9, wheels, **{"visual": visual, "continues": True, **changes}))
     return intervals
 
 

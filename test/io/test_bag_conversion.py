@@ -16,7 +16,7 @@ def assert_same_frames(folder, bag):
     frames = list(zip(folder.frames(), bag.frames()))
     assert len(frames) == len(folder) == len(bag)
     for expected, actual in frames:
-        assert (actual.stamp_s, actual.exposure_ms) == (expected.stamp_s, expected.exposure_ms)
+        assert (actual.stamp_ns, actual.exposure_ms) == (expected.stamp_ns, expected.exposure_ms)
         np.testing.assert_array_equal(actual.image, expected.image)
 
 

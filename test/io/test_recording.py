@@ -6,7 +6,7 @@ import pytest
 from ceiling_dso_ros.io.camera_models import calibration_from_camera_info
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.opening import open_recording
-from ceiling_dso_ros.io.recording import Frame, ListedImage, Recording, SkippedFrame, TopicNames, WheelTicks
+from ceiling_dso_ros.io.recording import Frame, ListedImage, Recording, SkippedFrame, TopicNames
 
 
 class Listed(Recording):
@@ -46,7 +46,7 @@ def test_bad_frames_are_replaced_and_the_rest_goes_on():
         (5_000_000_000, GOOD),
     )
     frames = list(recording.frames())
-    assert [frame.stamp_s for frame in frames if isinstance(frame, Frame)] == [1.0, 4.0, 5.0]
+    assert [frame.stamp_ns for frame in frames if isinstance(frame, Frame)] == [10**9, 4 * 10**9, 5 * 10**9]
     assert [frame.reason for frame in frames if isinstance(frame, SkippedFrame)] == [
         "image 1: truncated image; frame skipped",
         "image 2: damaged message; frame skipped",
@@ -61,11 +61,10 @@ def test_a_skipped_frame_does_not_hold_back_those_after_it():
     assert isinstance(list(recording.frames())[1], Frame)
 
 
-def test_stamps_of_wheels_are_rounded_as_those_of_frames():
-    stamp_ns = 1_700_000_001_030_042_017
-    (frame,) = Listed((stamp_ns, GOOD)).frames()
-    wheels = WheelTicks(np.array([stamp_ns]), np.array([0]), np.array([0]))
-    assert wheels.stamps_s[0] == frame.stamp_s
+def test_frames_and_skipped_frames_carry_the_very_stamps():
+    stamps_ns = (1_732_800_000_123_456_789, 1_732_800_000_123_456_790)
+    recording = Listed((stamps_ns[0], GOOD), (stamps_ns[1], FrameError("truncated image")))
+    assert tuple(frame.stamp_ns for frame in recording.frames()) == stamps_ns
 
 
 def test_topics_beside_the_image():

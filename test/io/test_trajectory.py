@@ -11,34 +11,49 @@ from ceiling_dso_ros.io.trajectory import Trajectory, TumWriter, read_tum, write
 
 def a_trajectory(count=20):
     rng = np.random.default_rng(3)
-    stamps_s = 1_700_000_000 + np.arange(count) / 30
-    return Trajectory(stamps_s, rng.normal(size=(count, 3)), Rotation.random(count, random_state=3).as_quat())
+    stamps_ns = 1_732_800_000_123_456_789 + 33_333_333 * np.arange(count)
+    return Trajectory(stamps_ns, rng.normal(size=(count, 3)), Rotation.random(count, random_state=3).as_quat())
 
 
 def test_what_is_written_comes_back(tmp_path):
     trajectory = a_trajectory()
     write_tum(tmp_path / "a.tum", trajectory)
     back = read_tum(tmp_path / "a.tum")
-    np.testing.assert_array_equal(back.stamps_s, trajectory.stamps_s)
+    np.testing.assert_array_equal(back.stamps_ns, trajectory.stamps_ns)
     np.testing.assert_allclose(back.positions, trajectory.positions, atol=1e-9)
     np.testing.assert_allclose(back.quaternions_xyzw, trajectory.quaternions_xyzw, atol=2e-9)
     np.testing.assert_allclose(np.linalg.norm(back.quaternions_xyzw, axis=1), 1.0, atol=1e-15)
 
 
+def test_stamps_survive_byte_for_byte(tmp_path):
+    path = tmp_path / "a.tum"
+    stamps = ["0.000000001", "1732800000.123456789", "1732800000.123456790"]
+    path.write_text("".join(f"{stamp} {' '.join(['0.000000000'] * 6)} 1.000000000\n" for stamp in stamps))
+    write_tum(tmp_path / "b.tum", read_tum(path))
+    assert (tmp_path / "b.tum").read_bytes() == path.read_bytes()
+
+
+def test_times_count_from_the_first_pose():
+    begin_ns = 1_732_800_000_123_456_789
+    trajectory = Trajectory.from_matrices([begin_ns, begin_ns + 500_000_000], [np.eye(4)] * 2)
+    assert trajectory.times_s.tolist() == [0.0, 0.5]
+    assert Trajectory.from_matrices([], []).times_s.tolist() == []
+
+
 def test_matrices_and_back():
     trajectory = a_trajectory()
     T = trajectory.matrices()
-    back = Trajectory.from_matrices(trajectory.stamps_s, T)
+    back = Trajectory.from_matrices(trajectory.stamps_ns, T)
     np.testing.assert_allclose(back.matrices(), T, atol=1e-14)
     assert Trajectory.from_matrices([], []).matrices().shape == (0, 4, 4)
 
 
 def test_the_live_writer_gives_the_same_file_and_keeps_every_pose_when_it_is_killed(tmp_path):
-    trajectory = Trajectory.from_matrices(a_trajectory().stamps_s, a_trajectory().matrices())
+    trajectory = Trajectory.from_matrices(a_trajectory().stamps_ns, a_trajectory().matrices())
     write_tum(tmp_path / "whole.tum", trajectory)
     live = TumWriter(tmp_path / "live.tum")
-    for stamp_s, T in zip(trajectory.stamps_s, trajectory.matrices()):
-        live.append(stamp_s, T)
+    for stamp_ns, T in zip(trajectory.stamps_ns.tolist(), trajectory.matrices()):
+        live.append(stamp_ns, T)
     unclosed = (tmp_path / "live.tum").read_text()
     live.close()
     assert unclosed.count("\n") == len(trajectory)
@@ -52,7 +67,7 @@ def test_comments_blank_lines_and_long_quaternions(tmp_path):
     path = tmp_path / "a.tum"
     path.write_text("# stamp tx ty tz qx qy qz qw\n\n1.5 1 2 3 0 0 0 2\n  # more\n2.5,1,2,3,0,0,3,4\n")
     trajectory = read_tum(path)
-    np.testing.assert_array_equal(trajectory.stamps_s, [1.5, 2.5])
+    np.testing.assert_array_equal(trajectory.stamps_ns, [1_500_000_000, 2_500_000_000])
     np.testing.assert_allclose(trajectory.quaternions_xyzw, [[0, 0, 0, 1], [0, 0, 0.6, 0.8]])
 
 

@@ -34,11 +34,11 @@ def test_a_complete_folder(tum_folder):
 
     assert (recording.name, len(recording)) == ("tour", 6)
     assert recording.calibration.camera.parameters.tolist() == [60.0, 61.0, 47.5, 39.5]
-    assert [frame.stamp_s for frame in frames][:2] == [1700000001.000042017, 1700000001.100042017]
+    assert [frame.stamp_ns for frame in frames][:2] == [1_700_000_001_000_042_017, 1_700_000_001_100_042_017]
     assert [frame.exposure_ms for frame in frames] == pytest.approx([5.0, 5.1, 5.2, 5.3, 5.4, 5.5])
     for frame, image in zip(frames, images_of(tum_folder)):
         np.testing.assert_array_equal(frame.image, image)
-    assert recording.wheels.stamps_s.tolist() == [1700000001.0, 1700000001.02, 1700000001.04]
+    assert recording.wheels.stamps_ns.tolist() == [1_700_000_001_000_000_000 + k * 20_000_000 for k in range(3)]
     assert recording.wheels.left.tolist() == [10, 15, 21]
     assert recording.wheels.right.tolist() == [-20, -18, -15]
     assert recording.robot.wheel_radius_m == (0.098, 0.099)
@@ -66,7 +66,8 @@ def test_only_images_times_and_camera_are_needed(tum_folder):
 def test_ids_may_be_padded_differently_and_exposures_be_missing(tum_folder):
     (tum_folder / "times.txt").write_text("# id stamp\n0 10.5\n0000001 10.6 0\n2 10.7 3.5\n")
     frames = list(open_recording(tum_folder).frames())
-    assert [(frame.stamp_s, frame.exposure_ms) for frame in frames] == [(10.5, None), (10.6, None), (10.7, 3.5)]
+    assert [frame.stamp_ns for frame in frames] == [10_500_000_000, 10_600_000_000, 10_700_000_000]
+    assert [frame.exposure_ms for frame in frames] == [None, None, 3.5]
     np.testing.assert_array_equal(frames[1].image, images_of(tum_folder)[1])
 
 

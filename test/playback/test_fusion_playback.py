@@ -8,15 +8,15 @@ from ceiling_dso_ros.io.recording import RobotDescription, WheelTicks
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
 
-HEIGHT_M, SPEED_M_S, BEGIN_S = 4.0, 0.8, 1000.0
+HEIGHT_M, SPEED_M_S, BEGIN_NS = 4.0, 0.8, 1_732_800_000_123_456_789
 ROBOT = RobotDescription(4096.0, (0.1, 0.1), 0.5, np.eye(4))
 
 
 def wheels(seconds):
     """Straight on."""
-    stamps_ns = (1e9 * (BEGIN_S + np.arange(int(seconds * 50)) / 50)).astype(np.int64)
-    turned = SPEED_M_S * (stamps_ns * 1e-9 - BEGIN_S) / (2 * np.pi * 0.1) * 4096
-    return WheelTicks(stamps_ns, turned.astype(np.int64), turned.astype(np.int64))
+    ages_ns = 20_000_000 * np.arange(int(seconds * 50))
+    turned = SPEED_M_S * ages_ns * 1e-9 / (2 * np.pi * 0.1) * 4096
+    return WheelTicks(BEGIN_NS + ages_ns, turned.astype(np.int64), turned.astype(np.int64))
 
 
 def statuses(seconds):
@@ -25,10 +25,10 @@ def statuses(seconds):
     for key in range(int(seconds * 5)):
         T = np.eye(4)
         T[0, 3] = SPEED_M_S * key / 5 / HEIGHT_M
-        stamp_s = BEGIN_S + key / 5
-        window = [*window, KeyframeEstimate(key, stamp_s, 0, T, (0.0, 0.0), leaves=False)][-7:]
+        stamp_ns = BEGIN_NS + key * 200_000_000
+        window = [*window, KeyframeEstimate(key, stamp_ns, 0, T, (0.0, 0.0), leaves=False)][-7:]
         yield OdometryStatus(
-            stamp_s, TrackingState.TRACKING, 0, T, np.eye(6), True, key, np.eye(4), keyframes=tuple(window)
+            stamp_ns, TrackingState.TRACKING, 0, T, np.eye(6), True, key, np.eye(4), keyframes=tuple(window)
         )
 
 
@@ -43,13 +43,13 @@ def playback():
 
 def test_writes_base_link_at_every_wheel_sample_and_at_every_keyframe(playback, tmp_path):
     playback.write(tmp_path)
-    stamps = wheels(10.0).stamps_s[1:]
+    stamps = wheels(10.0).stamps_ns[1:]
     for name in ("wheel.tum", "fused.tum"):
         trajectory = read_tum(tmp_path / name)
-        np.testing.assert_allclose(trajectory.stamps_s, stamps, atol=1e-6)
+        np.testing.assert_array_equal(trajectory.stamps_ns, stamps)
         np.testing.assert_allclose(trajectory.positions[-1], [SPEED_M_S * 9.98, 0.0, 0.0], atol=0.02)
     smoothed = read_tum(tmp_path / "fused_smoothed.tum")
-    np.testing.assert_allclose(smoothed.stamps_s, BEGIN_S + np.arange(45) / 5, atol=1e-6)
+    np.testing.assert_array_equal(smoothed.stamps_ns, BEGIN_NS + np.arange(45) * 200_000_000)
 
 
 def test_the_summary_tells_scale_and_changes(playback):
@@ -67,7 +67,7 @@ def test_predicts_the_motion_in_the_unit_of_the_segment():
     known = list(statuses(9.0))
     for status in known:
         playback.add(status)
-    T_last_camera = playback.predicted_motion(known[-1], known[-1].stamp_s + 0.3).T_start_end
+    T_last_camera = playback.predicted_motion(known[-1], known[-1].stamp_ns + 300_000_000).T_start_end
     np.testing.assert_allclose(T_last_camera[:3, 3], [0.3 * SPEED_M_S / HEIGHT_M, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(T_last_camera[:3, :3], np.eye(3), atol=1e-3)
 
@@ -79,7 +79,7 @@ def test_predicts_nothing_after_a_loss_and_before_the_segment_has_a_scale(change
     for status in known:
         playback.add(status)
     last = dataclasses.replace(known[-1], **change)
-    assert playback.predicted_motion(last, last.stamp_s + 0.1) is None
+    assert playback.predicted_motion(last, last.stamp_ns + 100_000_000) is None
 
 
 def test_without_images_there_are_wheels_alone(tmp_path):

@@ -25,12 +25,12 @@ def play(work_s, rate=1.0, count=10, state=TrackingState.TRACKING):
     clock, seen = Clock(), []
 
     def track(frame):
-        seen.append(round(frame.stamp_s * 10))
+        seen.append(frame.stamp_ns // 100_000_000)
         clock.sleep(work_s(seen[-1]))
         timing_ms = {"track": 20.0, "pyramid": 5.0, "optimize": 40.0, "trace": 10.0}
-        return OdometryStatus(frame.stamp_s, state, 0, timing_ms=timing_ms)
+        return OdometryStatus(frame.stamp_ns, state, 0, timing_ms=timing_ms)
 
-    frames = [Frame(0.1 * k, None, np.zeros((2, 2), np.uint8)) for k in range(count)]
+    frames = [Frame(100_000_000 * k, None, np.zeros((2, 2), np.uint8)) for k in range(count)]
     return play_live(frames, track, rate, clock, clock.sleep), seen
 
 

@@ -19,12 +19,12 @@ def status(x_of_keyframes, window, marginalized=NO_HOSTED_POINTS, segment=0, sta
     poses = {number: np.eye(4) for number in x_of_keyframes}
     for number, x in x_of_keyframes.items():
         poses[number][0, 3] = x
-    keyframes = tuple(KeyframeEstimate(n, float(n), segment, T, (0.0, 0.0), False) for n, T in poses.items())
-    return OdometryStatus(0.0, state, segment, keyframes=keyframes, window_points=window, marginalized=marginalized)
+    keyframes = tuple(KeyframeEstimate(n, n * 10**9, segment, T, (0.0, 0.0), False) for n, T in poses.items())
+    return OdometryStatus(0, state, segment, keyframes=keyframes, window_points=window, marginalized=marginalized)
 
 
 def nothing_new(segment=0):
-    return OdometryStatus(0.0, TrackingState.INITIALIZING, segment)
+    return OdometryStatus(0, TrackingState.INITIALIZING, segment)
 
 
 def cloud_of(*statuses):

@@ -7,6 +7,7 @@ import pytest
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.playback import Playback
@@ -22,20 +23,20 @@ class FakeOdometry:
     def __init__(self):
         self.seen = []
 
-    def track(self, image, stamp_s, exposure_ms):
+    def track(self, image, stamp_ns, exposure_ms):
         index = len(self.seen)
-        self.seen.append((image, stamp_s, exposure_ms))
+        self.seen.append((image, stamp_ns, exposure_ms))
         if index < 2:
-            return OdometryStatus(stamp_s, TrackingState.INITIALIZING, 0)
+            return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, 0)
         if index == 6:
-            return OdometryStatus(stamp_s, TrackingState.LOST, 0)
+            return OdometryStatus(stamp_ns, TrackingState.LOST, 0)
         segment, keyframe_id = int(index > 6), index // 3
         T_world_camera, T_keyframe_camera, T_world_keyframe = (np.eye(4) for _ in range(3))
         T_world_camera[0, 3], T_keyframe_camera[0, 3] = index, index - 3 * keyframe_id
         T_world_keyframe[0, 3] = 3.1 * keyframe_id
-        keyframe = KeyframeEstimate(keyframe_id, 3.0 * keyframe_id, segment, T_world_keyframe, (0.0, 0.0), False)
+        keyframe = KeyframeEstimate(keyframe_id, 3 * 10**9 * keyframe_id, segment, T_world_keyframe, (0.0, 0.0), False)
         return OdometryStatus(
-            stamp_s,
+            stamp_ns,
             TrackingState.TRACKING,
             segment,
             T_world_camera=T_world_camera,
@@ -51,16 +52,16 @@ class FakeOdometry:
 
 def frames(count):
     for index in range(count):
-        yield Frame(float(index), 0.1 * index, np.full((2, 3), index, np.uint8))
+        yield Frame(index * 10**9, 0.1 * index, np.full((2, 3), index, np.uint8))
 
 
 class InterruptedOdometry(FakeOdometry):
     """Ctrl-C comes in the midst of frame 3."""
 
-    def track(self, image, stamp_s, exposure_ms):
+    def track(self, image, stamp_ns, exposure_ms):
         if len(self.seen) == 3:
             signal.raise_signal(signal.SIGINT)
-        return super().track(image, stamp_s, exposure_ms)
+        return super().track(image, stamp_ns, exposure_ms)
 
 
 def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
@@ -80,7 +81,7 @@ def playback_of(stream):
 def test_every_frame_reaches_the_odometry_after_preprocessing():
     odometry = FakeOdometry()
     Playback(lambda image: image + 100.0, odometry, print).play(frames(4))
-    assert [stamp_s for _, stamp_s, _ in odometry.seen] == [0.0, 1.0, 2.0, 3.0]
+    assert [stamp_ns for _, stamp_ns, _ in odometry.seen] == [0, 10**9, 2 * 10**9, 3 * 10**9]
     assert [exposure_ms for _, _, exposure_ms in odometry.seen] == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert [image[0, 0] for image, _, _ in odometry.seen] == [100.0, 101.0, 102.0, 103.0]
 
@@ -88,9 +89,9 @@ def test_every_frame_reaches_the_odometry_after_preprocessing():
 class Wheels:
     """Stands for the fusion: says of every image how far the camera has come."""
 
-    def predicted_motion(self, last, stamp_s):
+    def predicted_motion(self, last, stamp_ns):
         T_last_camera = np.eye(4)
-        T_last_camera[0, 3] = stamp_s - last.stamp_s
+        T_last_camera[0, 3] = seconds(stamp_ns - last.stamp_ns)
         return CameraMotion(T_last_camera, np.zeros((6, 6)))
 
     def add(self, status):
@@ -107,9 +108,9 @@ class PredictedOdometry(FakeOdometry):
         super().__init__()
         self.known = []
 
-    def track(self, image, stamp_s, exposure_ms, **known):
+    def track(self, image, stamp_ns, exposure_ms, **known):
         self.known.append(known)
-        return super().track(image, stamp_s, exposure_ms)
+        return super().track(image, stamp_ns, exposure_ms)
 
 
 def test_the_wheels_predict_the_motion_since_the_last_image_when_asked_to():
@@ -132,8 +133,8 @@ def test_summary_counts():
 
 
 def test_skipped_frames_are_warned_of_and_counted_apart():
-    bad = SkippedFrame(1.5, "00002.png: truncated; frame skipped")
-    playback, warnings = playback_of([*frames(2), bad, Frame(2.0, None, np.zeros((2, 3), np.uint8))])
+    bad = SkippedFrame(1_500_000_000, "00002.png: truncated; frame skipped")
+    playback, warnings = playback_of([*frames(2), bad, Frame(2 * 10**9, None, np.zeros((2, 3), np.uint8))])
     assert warnings == playback.summary()["warnings"] == ["00002.png: truncated; frame skipped"]
     assert playback.summary()["frames"] == 3
 

@@ -4,9 +4,13 @@ from ceiling_dso_ros.playback.timing_log import TimingLog
 
 def log_of_three():
     log = TimingLog()
-    log.add(OdometryStatus(1.5, TrackingState.INITIALIZING, 0), 30.0, {"pyramid": 1.0})
-    log.add(OdometryStatus(1.6, TrackingState.TRACKING, 0, is_keyframe=True), 20.0, {"pyramid": 2.0, "optimise": 9.5})
-    log.add(OdometryStatus(1.7, TrackingState.TRACKING, 0), 4.0, {"pyramid": 3.0})
+    log.add(OdometryStatus(1_500_000_000, TrackingState.INITIALIZING, 0), 30.0, {"pyramid": 1.0})
+    log.add(
+        OdometryStatus(1_600_000_000, TrackingState.TRACKING, 0, is_keyframe=True),
+        20.0,
+        {"pyramid": 2.0, "optimise": 9.5},
+    )
+    log.add(OdometryStatus(1_700_000_000, TrackingState.TRACKING, 0), 4.0, {"pyramid": 3.0})
     return log
 
 

@@ -13,13 +13,13 @@ def pose(x, yaw=0.0):
     return T
 
 
-def keyframe(keyframe_id, stamp_s, T_world_camera, leaves=False, segment=0):
-    return KeyframeEstimate(keyframe_id, stamp_s, segment, T_world_camera, (0.0, 0.0), leaves)
+def keyframe(keyframe_id, stamp_ns, T_world_camera, leaves=False, segment=0):
+    return KeyframeEstimate(keyframe_id, stamp_ns, segment, T_world_camera, (0.0, 0.0), leaves)
 
 
-def tracked(stamp_s, T_world_camera, keyframe_id, T_keyframe_camera, keyframes=()):
+def tracked(stamp_ns, T_world_camera, keyframe_id, T_keyframe_camera, keyframes=()):
     return OdometryStatus(
-        stamp_s,
+        stamp_ns,
         TrackingState.TRACKING,
         0,
         T_world_camera=T_world_camera,
@@ -38,13 +38,17 @@ def recorder_of(*statuses):
 
 def test_live_poses_stay_as_they_were_and_final_ones_follow_their_keyframe():
     recorder = recorder_of(
-        tracked(1.0, pose(0.0), 0, np.eye(4), (keyframe(0, 1.0, pose(0.0)),)),
-        tracked(2.0, pose(1.0), 0, pose(1.0)),
+        tracked(1_000_000_000, pose(0.0), 0, np.eye(4), (keyframe(0, 1_000_000_000, pose(0.0)),)),
+        tracked(2_000_000_000, pose(1.0), 0, pose(1.0)),
         tracked(
-            3.0, pose(2.0), 1, np.eye(4), (keyframe(0, 1.0, pose(0.5, yaw=np.pi / 2)), keyframe(1, 3.0, pose(2.1)))
+            3_000_000_000,
+            pose(2.0),
+            1,
+            np.eye(4),
+            (keyframe(0, 1_000_000_000, pose(0.5, yaw=np.pi / 2)), keyframe(1, 3_000_000_000, pose(2.1))),
         ),
     )
-    assert recorder.live().stamps_s.tolist() == [1.0, 2.0, 3.0]
+    assert recorder.live().stamps_ns.tolist() == [1_000_000_000, 2_000_000_000, 3_000_000_000]
     assert recorder.live().positions.tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
     assert np.allclose(recorder.final().positions, [[0.5, 0, 0], [0.5, 1, 0], [2.1, 0, 0]])
     assert np.allclose(recorder.final().matrices()[1], pose(0.5, yaw=np.pi / 2) @ pose(1.0))
@@ -53,9 +57,21 @@ def test_live_poses_stay_as_they_were_and_final_ones_follow_their_keyframe():
 
 def test_a_keyframe_that_left_keeps_its_last_estimate():
     recorder = recorder_of(
-        tracked(1.0, pose(0.0), 0, np.eye(4), (keyframe(0, 1.0, pose(0.0)), keyframe(1, 1.5, pose(1.0)))),
-        tracked(2.0, pose(1.0), 1, pose(0.5), (keyframe(0, 1.0, pose(0.2), leaves=True), keyframe(1, 1.5, pose(1.1)))),
-        tracked(3.0, pose(2.0), 1, pose(1.0), (keyframe(1, 1.5, pose(1.3)),)),
+        tracked(
+            1_000_000_000,
+            pose(0.0),
+            0,
+            np.eye(4),
+            (keyframe(0, 1_000_000_000, pose(0.0)), keyframe(1, 1_500_000_000, pose(1.0))),
+        ),
+        tracked(
+            2_000_000_000,
+            pose(1.0),
+            1,
+            pose(0.5),
+            (keyframe(0, 1_000_000_000, pose(0.2), leaves=True), keyframe(1, 1_500_000_000, pose(1.1))),
+        ),
+        tracked(3_000_000_000, pose(2.0), 1, pose(1.0), (keyframe(1, 1_500_000_000, pose(1.3)),)),
     )
     assert np.allclose(recorder.keyframes().positions[:, 0], [0.2, 1.3])
     assert np.allclose(recorder.final().positions[:, 0], [0.2, 1.8, 2.3])
@@ -63,13 +79,13 @@ def test_a_keyframe_that_left_keeps_its_last_estimate():
 
 def test_frames_without_a_pose_leave_no_trace_but_their_keyframes_count():
     recorder = recorder_of(
-        OdometryStatus(1.0, TrackingState.INITIALIZING, 0),
-        tracked(2.0, pose(0.0), 0, np.eye(4), (keyframe(0, 1.0, pose(0.0)),)),
-        OdometryStatus(3.0, TrackingState.LOST, 0),
-        tracked(4.0, pose(0.0), 1, np.eye(4), (keyframe(1, 4.0, pose(0.0), segment=1),)),
+        OdometryStatus(1_000_000_000, TrackingState.INITIALIZING, 0),
+        tracked(2_000_000_000, pose(0.0), 0, np.eye(4), (keyframe(0, 1_000_000_000, pose(0.0)),)),
+        OdometryStatus(3_000_000_000, TrackingState.LOST, 0),
+        tracked(4_000_000_000, pose(0.0), 1, np.eye(4), (keyframe(1, 4_000_000_000, pose(0.0), segment=1),)),
     )
-    assert recorder.live().stamps_s.tolist() == recorder.final().stamps_s.tolist() == [2.0, 4.0]
-    assert recorder.keyframes().stamps_s.tolist() == [1.0, 4.0]
+    assert recorder.live().stamps_ns.tolist() == recorder.final().stamps_ns.tolist() == [2_000_000_000, 4_000_000_000]
+    assert recorder.keyframes().stamps_ns.tolist() == [1_000_000_000, 4_000_000_000]
     assert recorder.segments == 2
 
 
@@ -80,4 +96,4 @@ def test_nothing_recorded_gives_empty_trajectories():
 
 def test_a_frame_on_an_unknown_keyframe_is_refused():
     with pytest.raises(KeyError, match="unknown keyframe 7"):
-        recorder_of(tracked(1.0, pose(0.0), 7, np.eye(4)))
+        recorder_of(tracked(1_000_000_000, pose(0.0), 7, np.eye(4)))

@@ -111,7 +111,7 @@ def test_the_package_reads_its_own_bag(bag):
     again = open_recording(path, robot_file=files["robot"])
     assert len(again) == len(recording)
     for one, two in zip(again.frames(), recording.frames()):
-        assert (one.stamp_s, one.exposure_ms) == (two.stamp_s, two.exposure_ms)
+        assert (one.stamp_ns, one.exposure_ms) == (two.stamp_ns, two.exposure_ms)
         np.testing.assert_array_equal(one.image, two.image)
     np.testing.assert_array_equal(again.wheels.left, recording.wheels.left)
     np.testing.assert_array_equal(again.wheels.stamps_ns, recording.wheels.stamps_ns)

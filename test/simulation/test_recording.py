@@ -38,8 +38,8 @@ def test_the_robot_is_the_nominal_one(recording):
 
 def test_the_truth_has_the_stamps_of_images_and_wheels(recording):
     frames = [*recording.frames()]
-    np.testing.assert_array_equal(recording.camera_truth.stamps_s, [frame.stamp_s for frame in frames])
-    np.testing.assert_array_equal(recording.base_truth.stamps_s, recording.wheels.stamps_s)
+    np.testing.assert_array_equal(recording.camera_truth.stamps_ns, [frame.stamp_ns for frame in frames])
+    np.testing.assert_array_equal(recording.base_truth.stamps_ns, recording.wheels.stamps_ns)
     simulation = recording.simulation
     expected = simulation.robot.T_world_camera(simulation.frame_times_s)
     np.testing.assert_allclose(recording.camera_truth.matrices(), expected, atol=1e-12)

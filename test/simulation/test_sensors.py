@@ -3,6 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.robot import NOMINAL, T_BASE_IMU, Vibration, WheelErrors
@@ -21,7 +22,7 @@ def dead_reckoning(sim, robot):
     odometry = WheelOdometry(model, WheelConfig())
     poses = []
     for time_s, (left, right) in zip(sim.encoders.time_s, sim.encoders.counters):
-        odometry.add_ticks(time_s, int(left), int(right))
+        odometry.add_ticks(nanoseconds(time_s), int(left), int(right))
         poses.append(odometry.total.pose)
     return np.array(poses)
 

@@ -12,6 +12,7 @@ from support.table import Row
 from tqdm import tqdm
 
 from ceiling_dso_ros.experiments.kept_runs import Kept, is_missing
+from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "test" / "fusion"))
@@ -54,15 +55,15 @@ def _half_an_hour() -> Tuple[np.ndarray, List[float]]:
     estimator = FusionEstimator(drive.robot)
     updates_ms, memory_mb = [], []
     took_s, estimate = 0.0, None
-    for stamp_s, is_camera, data in tqdm(drive.events(), desc="timing", unit="event", disable=None):
-        if stamp_s - drive.stamps[0] >= 60.0 * len(memory_mb):
+    for stamp_ns, is_camera, data in tqdm(drive.events(), desc="timing", unit="event", disable=None):
+        if seconds(stamp_ns - drive.stamps[0]) >= 60.0 * len(memory_mb):
             memory_mb.append(resident_mb())
         start_s = time.process_time()
         if is_camera:
             estimator.add_keyframes(data)
             estimator.add_frame(data)
         else:
-            estimator.add_wheel_ticks(stamp_s, *data)
+            estimator.add_wheel_ticks(stamp_ns, *data)
         took_s += time.process_time() - start_s
         if estimator.newest_keyframe is not estimate:
             estimate = estimator.newest_keyframe

@@ -276,7 +276,7 @@ def test_a_featureless_residual_is_an_outlier():
     window = empty_window()
     for T in POSES[:2]:
         slot = window.pool.build(np.full((240, 320), 100, np.float32))
-        window.add_keyframe(window.count, 0.0, slot, T, np.zeros(2), 1.0)
+        window.add_keyframe(window.count, 0, slot, T, np.zeros(2), 1.0)
     u, v = random_pixels(np.random.default_rng(0), 10)
     add_points(window, 0, u, v, np.ones(10))
     result = linearized(window)

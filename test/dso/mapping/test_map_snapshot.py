@@ -18,7 +18,7 @@ def test_points_lie_on_the_surface_that_is_seen():
     """The surface's depth varies by a fifth around one unit, which initialisation makes about the unit of length."""
     odometry = DirectOdometry(CAMERA, OdometryConfig(window=WINDOW))
     for frame in range(80):
-        status = odometry.track(textured_plane(CAMERA, 0.012 * frame), float(frame))
+        status = odometry.track(textured_plane(CAMERA, 0.012 * frame), frame * 10**9)
         if status.state is TrackingState.TRACKING and frame > 40:
             break
     points = odometry.map.points

@@ -35,7 +35,7 @@ def test_the_prior_grows_with_the_window_and_knows_nothing_of_a_new_keyframe():
     window = true_window(5, poses=POSES[:2])
     window.prior.H[:], window.prior.b[:] = 3.0, 4.0
     slot = window.pool.build(np.zeros((240, 320), np.float32))
-    window.add_keyframe(9, 1.0, slot, POSES[2], np.zeros(2), 1.0)
+    window.add_keyframe(9, 10**9, slot, POSES[2], np.zeros(2), 1.0)
     assert window.prior.H.shape == (28, 28)
     assert (window.prior.H[:20, :20] == 3).all()
     assert (window.prior.b[:20] == 4).all()
@@ -73,7 +73,7 @@ def test_a_removed_keyframe_leaves_nothing_behind(window):
     points = window.points.arrays.idepth[20:30].copy()
     window.remove_keyframe(1)
     assert window.ids == [0, 2]
-    assert window.stamps_s == pytest.approx([0.0, 0.2])
+    assert window.stamps_ns == [0, 200_000_000]
     assert len(window.gone_points) == window.count == 2
     np.testing.assert_array_equal(window.image(1), image2)
     np.testing.assert_array_equal(window.keyframes.T_camera_world[1], T2)
@@ -87,7 +87,7 @@ def test_images_of_removed_keyframes_are_free_again(window):
     for _ in range(20):
         marginalize_keyframe(window, 0, np.zeros(2))
         slot = window.pool.build(np.zeros((240, 320), np.float32))
-        window.add_keyframe(7, 1.0, slot, np.eye(4), np.zeros(2), 1.0)
+        window.add_keyframe(7, 10**9, slot, np.eye(4), np.zeros(2), 1.0)
     assert len(set(window.keyframes.image_slot[:3].tolist())) == 3
 
 

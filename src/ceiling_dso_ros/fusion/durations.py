@@ -1,0 +1,14 @@
+"""Durations: stamps are integer nanoseconds, and only their differences become seconds."""
+
+NANOSECONDS = 10**9
+LONG_AGO_NS = -(2**62)  # 146 years before 1970: earlier than any stamp
+
+
+def seconds(duration_ns: int) -> float:
+    """A difference of two stamps in seconds; the float nearest to it."""
+    return duration_ns / NANOSECONDS
+
+
+def nanoseconds(duration_s: float) -> int:
+    """A duration given in seconds as the nearest number of nanoseconds, to be added to stamps."""
+    return round(duration_s * NANOSECONDS)
