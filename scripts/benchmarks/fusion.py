@@ -30,6 +30,7 @@ from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.fusion_playback import robot_model
+from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import Event
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
@@ -147,9 +148,7 @@ def _calibrated(recording: SimulatedRecording, statuses: Statuses) -> Calibratio
     T[:3, :3] = Rotation.from_euler("XYZ", MISMOUNTED_DEG, degrees=True).as_matrix() @ T[:3, :3]
     T[:3, 3] += MISPLACED_M
     robot: RobotModel = replace(true, T_base_camera=T)
-    odometry, wheels = WheelOdometry(robot, WheelConfig()), recording.wheels
-    samples = zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist())
-    steps = [step for step in (odometry.add_ticks(*sample) for sample in samples) if step is not None]
+    steps = list(wheel_steps(recording.wheels, WheelOdometry(robot, WheelConfig())))
     return calibrate(steps, camera_poses(statuses), robot)
 
 

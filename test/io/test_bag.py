@@ -7,7 +7,7 @@ import pytest
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.opening import open_recording
-from ceiling_dso_ros.io.recording import Frame, SkippedFrame, TopicNames
+from ceiling_dso_ros.io.recording import Frame, SkippedFrame, TopicNames, WheelUnit
 from ceiling_dso_ros.io.ros_messages import TYPES, header, message
 
 START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
@@ -241,8 +241,9 @@ def test_angles_of_joint_states(path, tmp_path):
             bag.joint_state("/joint_states", stamp_ns(index), ["caster", "wheel_right", "wheel_left"], angles)
     wheels = open_recording(path, robot_file=tmp_path / "robot.yaml").wheels
     assert wheels.stamps_ns.tolist() == [stamp_ns(index) for index in range(3)]
-    assert (wheels.left.tolist(), wheels.right.tolist()) == ([0, -250, -500], [0, 500, 1000])
-    assert open_recording(path).wheels is None, "without the ticks of a turn angles are no ticks"
+    assert wheels.unit is WheelUnit.RADIANS
+    np.testing.assert_array_equal(wheels.left, [0.0, -np.pi / 2, -np.pi])
+    np.testing.assert_array_equal(wheels.right, [0.0, np.pi, 2 * np.pi])
 
 
 def test_the_mount_comes_from_tf_static_through_chains(path, tmp_path):

@@ -1,37 +1,29 @@
 import numpy as np
 
+from ceiling_dso_ros.io.recording import WheelUnit
 from ceiling_dso_ros.io.ros_messages import header, message
-from ceiling_dso_ros.io.wheel_messages import ticks_of_counters, ticks_of_joint_states
+from ceiling_dso_ros.io.wheel_joints import WheelJoints
+from ceiling_dso_ros.io.wheel_messages import samples_of_counters, samples_of_joint_states
 
 MS = 1_000_000
 
 
-def rows(ticks):
-    return np.stack([ticks.stamps_ns // MS, ticks.left, ticks.right], axis=1).tolist()
+def rows(samples):
+    return [(stamp_ns // MS, left, right) for stamp_ns, left, right in samples]
 
 
-def test_counters_of_the_same_stamps_are_paired():
-    ticks = ticks_of_counters([(0, 1), (20 * MS, 2)], [(0, 5), (20 * MS, 6)])
-    assert rows(ticks) == [[0, 1, 5], [20, 2, 6]]
+def test_counters_are_paired_as_the_node_does_it():
+    counters = [("left", 0, 1), ("right", 3 * MS, 5), ("right", 20 * MS, 6), ("left", 22 * MS, 2)]
+    samples = samples_of_counters(counters)
+    assert samples.unit is WheelUnit.TICKS
+    assert rows(samples) == [(3, 1, 5), (22, 2, 6)]
 
 
-def test_every_left_value_gets_the_nearest_right_one():
-    left = [(0, 1), (20 * MS, 2), (40 * MS, 3), (60 * MS, 4)]
-    right = [(3 * MS, 5), (22 * MS, 6), (39 * MS, 7)]  # the fourth was lost
-    assert rows(ticks_of_counters(left, right)) == [[0, 1, 5], [20, 2, 6], [40, 3, 7], [60, 4, 7]]
-
-
-def test_values_without_a_partner_are_dropped():
-    ticks = ticks_of_counters([(0, 1), (500 * MS, 2)], [(10 * MS, 5), (700 * MS, 6)])
-    assert rows(ticks) == [[0, 1, 5]]
-    assert ticks_of_counters([(0, 1)], [(500 * MS, 5)]) is None
-    assert ticks_of_counters([], [(0, 1)]) is None
-
-
-def test_stamps_that_do_not_grow_are_dropped():
-    left = [(0, 1), (20 * MS, 2), (20 * MS, 3), (10 * MS, 4), (30 * MS, 5)]
-    right = [(0, 1), (20 * MS, 2), (30 * MS, 3)]
-    assert rows(ticks_of_counters(left, right)) == [[0, 1, 1], [20, 2, 2], [30, 5, 3]]
+def test_a_counter_without_a_partner_is_dropped():
+    counters = [("left", 0, 1), ("left", 20 * MS, 2), ("right", 22 * MS, 5), ("left", 500 * MS, 3)]
+    assert rows(samples_of_counters(counters)) == [(22, 2, 5)]
+    assert samples_of_counters(counters[:2]) is None
+    assert samples_of_counters([]) is None
 
 
 def state(stamp_ns, names, positions):
@@ -49,5 +41,13 @@ def test_joint_states_without_both_wheels_are_left_out():
         state(20 * MS, names, [np.pi, np.nan]),
         state(30 * MS, names, [np.pi, 4 * np.pi]),
     ]
-    assert rows(ticks_of_joint_states(states, 4096)) == [[0, 0, 4096], [30, 2048, 8192]]
-    assert ticks_of_joint_states(states[1:2], 4096) is None
+    samples = samples_of_joint_states(states, WheelJoints())
+    assert samples.unit is WheelUnit.RADIANS
+    assert rows(samples) == [(0, 0.0, 2 * np.pi), (30, np.pi, 4 * np.pi)]
+    assert samples_of_joint_states(states[1:2], WheelJoints()) is None
+
+
+def test_states_whose_stamps_do_not_grow_are_dropped():
+    names = ["left_wheel", "right_wheel"]
+    states = [state(stamp * MS, names, [stamp, 0.0]) for stamp in (0, 20, 20, 10, 30)]
+    assert rows(samples_of_joint_states(states, WheelJoints())) == [(0, 0.0, 0.0), (20, 20.0, 0.0), (30, 30.0, 0.0)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.io.recording import RobotDescription, WheelTicks
+from ceiling_dso_ros.io.recording import RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
 
@@ -16,7 +16,7 @@ def wheels(seconds):
     """Straight on."""
     ages_ns = 20_000_000 * np.arange(int(seconds * 50))
     turned = SPEED_M_S * ages_ns * 1e-9 / (2 * np.pi * 0.1) * 4096
-    return WheelTicks(BEGIN_NS + ages_ns, turned.astype(np.int64), turned.astype(np.int64))
+    return WheelSamples(WheelUnit.TICKS, BEGIN_NS + ages_ns, turned.astype(np.int64), turned.astype(np.int64))
 
 
 def statuses(seconds):

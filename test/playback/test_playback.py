@@ -11,6 +11,7 @@ from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.playback import Playback
+from ceiling_dso_ros.playback.visual_run import VisualRun
 
 
 def a_point_of(keyframe_id, depth):
@@ -23,7 +24,7 @@ class FakeOdometry:
     def __init__(self):
         self.seen = []
 
-    def track(self, image, stamp_ns, exposure_ms):
+    def track(self, image, stamp_ns, exposure_ms, prediction=None):
         index = len(self.seen)
         self.seen.append((image, stamp_ns, exposure_ms))
         if index < 2:
@@ -58,14 +59,14 @@ def frames(count):
 class InterruptedOdometry(FakeOdometry):
     """Ctrl-C comes in the midst of frame 3."""
 
-    def track(self, image, stamp_ns, exposure_ms):
+    def track(self, image, stamp_ns, exposure_ms, prediction=None):
         if len(self.seen) == 3:
             signal.raise_signal(signal.SIGINT)
         return super().track(image, stamp_ns, exposure_ms)
 
 
 def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
-    playback = Playback(lambda image: image + 100.0, InterruptedOdometry(), print)
+    playback = Playback(VisualRun(lambda image: image + 100.0, InterruptedOdometry()), print)
     with pytest.raises(KeyboardInterrupt):
         playback.play(frames(6))
     assert playback.summary()["frames"] == 4
@@ -73,14 +74,14 @@ def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
 
 def playback_of(stream):
     warnings = []
-    playback = Playback(lambda image: image + 100.0, FakeOdometry(), warnings.append)
+    playback = Playback(VisualRun(lambda image: image + 100.0, FakeOdometry()), warnings.append)
     playback.play(stream)
     return playback, warnings
 
 
 def test_every_frame_reaches_the_odometry_after_preprocessing():
     odometry = FakeOdometry()
-    Playback(lambda image: image + 100.0, odometry, print).play(frames(4))
+    Playback(VisualRun(lambda image: image + 100.0, odometry), print).play(frames(4))
     assert [stamp_ns for _, stamp_ns, _ in odometry.seen] == [0, 10**9, 2 * 10**9, 3 * 10**9]
     assert [exposure_ms for _, _, exposure_ms in odometry.seen] == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert [image[0, 0] for image, _, _ in odometry.seen] == [100.0, 101.0, 102.0, 103.0]
@@ -106,22 +107,22 @@ class PredictedOdometry(FakeOdometry):
 
     def __init__(self):
         super().__init__()
-        self.known = []
+        self.predictions = []
 
-    def track(self, image, stamp_ns, exposure_ms, **known):
-        self.known.append(known)
+    def track(self, image, stamp_ns, exposure_ms, prediction=None):
+        self.predictions.append(prediction)
         return super().track(image, stamp_ns, exposure_ms)
 
 
 def test_the_wheels_predict_the_motion_since_the_last_image_when_asked_to():
     odometry = PredictedOdometry()
-    Playback(lambda image: image, odometry, print, Wheels(), predict=True).play(frames(3))
-    assert odometry.known[0] == {}
-    assert [known["prediction"].T_start_end[0, 3] for known in odometry.known[1:]] == [1.0, 1.0]
+    Playback(VisualRun(lambda image: image, odometry), print, Wheels(), predict=True).play(frames(3))
+    assert odometry.predictions[0] is None
+    assert [prediction.T_start_end[0, 3] for prediction in odometry.predictions[1:]] == [1.0, 1.0]
 
     unasked = PredictedOdometry()
-    Playback(lambda image: image, unasked, print, Wheels()).play(frames(3))
-    assert unasked.known == [{}, {}, {}]
+    Playback(VisualRun(lambda image: image, unasked), print, Wheels()).play(frames(3))
+    assert unasked.predictions == [None, None, None]
 
 
 def test_summary_counts():
@@ -167,7 +168,7 @@ def test_what_was_computed_before_a_failure_can_be_written(tmp_path):
         yield from frames(5)
         raise OSError("gone")
 
-    playback = Playback(lambda image: image, FakeOdometry(), print)
+    playback = Playback(VisualRun(lambda image: image, FakeOdometry()), print)
     with pytest.raises(OSError, match="gone"):
         playback.play(breaking())
     playback.write(tmp_path, "failed: gone")
@@ -176,7 +177,7 @@ def test_what_was_computed_before_a_failure_can_be_written(tmp_path):
 
 
 def test_a_run_without_any_frame_still_writes_its_files(tmp_path, read_ply):
-    Playback(lambda image: image, FakeOdometry(), print).write(tmp_path, "interrupted")
+    Playback(VisualRun(lambda image: image, FakeOdometry()), print).write(tmp_path, "interrupted")
     assert (tmp_path / "camera.tum").read_text() == ""
     assert read_ply(tmp_path / "map.ply")["x"] == []
     assert json.loads((tmp_path / "summary.json").read_text())["ms"]["all"]["mean"] is None

@@ -4,13 +4,11 @@ from ceiling_dso_ros.playback.timing_log import TimingLog
 
 def log_of_three():
     log = TimingLog()
-    log.add(OdometryStatus(1_500_000_000, TrackingState.INITIALIZING, 0), 30.0, {"pyramid": 1.0})
-    log.add(
-        OdometryStatus(1_600_000_000, TrackingState.TRACKING, 0, is_keyframe=True),
-        20.0,
-        {"pyramid": 2.0, "optimise": 9.5},
-    )
-    log.add(OdometryStatus(1_700_000_000, TrackingState.TRACKING, 0), 4.0, {"pyramid": 3.0})
+    tracking = TrackingState.TRACKING
+    log.add(OdometryStatus(1_500_000_000, TrackingState.INITIALIZING, 0, timing_ms={"pyramid": 1.0}), 30.0)
+    keyframe_ms = {"pyramid": 2.0, "optimise": 9.5}
+    log.add(OdometryStatus(1_600_000_000, tracking, 0, is_keyframe=True, timing_ms=keyframe_ms), 20.0)
+    log.add(OdometryStatus(1_700_000_000, tracking, 0, timing_ms={"pyramid": 3.0}), 4.0)
     return log
 
 

@@ -3,7 +3,6 @@
 import argparse
 import json
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
 
@@ -79,18 +78,13 @@ def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, ref
     """Every frame to the end, several times."""
     from tqdm import tqdm
 
-    from ceiling_dso_ros.dso import DirectOdometry
-    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.playback.benchmark import describe, run_once, summarize
     from ceiling_dso_ros.playback.playback import Playback
+    from ceiling_dso_ros.playback.visual_run import VisualRun
 
     runs = []
     for _ in tqdm(range(repeats), unit="pass", disable=None):
-        playback = Playback(
-            ImagePreprocessor(recording.calibration, recording.photometric),
-            DirectOdometry(recording.calibration.camera, config),
-            tqdm.write,
-        )
+        playback = Playback(VisualRun.of(recording, config), tqdm.write)
         runs.append(run_once(playback, recording.frames()))
     result = summarize(runs)
     return result, describe(result, reference)
@@ -100,12 +94,11 @@ def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float)
     """In real time or faster, mapping beside the tracking; the images are read beforehand."""
     from tqdm import tqdm
 
-    from ceiling_dso_ros.dso import DirectOdometry, OdometryStatus
+    from ceiling_dso_ros.dso import OdometryStatus
     from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler
-    from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
-    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.io.recording import Frame, SkippedFrame
     from ceiling_dso_ros.playback.live_benchmark import describe, play_live
+    from ceiling_dso_ros.playback.visual_run import VisualRun
 
     frames = []
     for frame in recording.frames():
@@ -115,16 +108,11 @@ def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float)
             frames.append(frame)
     if len(frames) < 2:
         raise InputError(f"{len(frames)} usable images: a benchmark needs at least 2")
-    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
     with closing(LiveScheduler()) as scheduler:
-        odometry = DirectOdometry(recording.calibration.camera, config, scheduler)
+        visual = VisualRun.of(recording, config, scheduler)
 
         def track(frame: Frame) -> OdometryStatus:
-            timer = StageTimer()
-            with timer.stage("undistort"):
-                image = preprocess(frame.image)
-            status = odometry.track(image, frame.stamp_ns, frame.exposure_ms)
-            return replace(status, timing_ms={**timer.timing_ms, **status.timing_ms})
+            return visual.track(frame.image, frame.stamp_ns, frame.exposure_ms).status
 
         result = play_live(frames, track, rate).summary()
     return result, describe(result)

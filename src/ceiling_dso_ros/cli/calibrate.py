@@ -44,19 +44,18 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.io.opening import open_recording
     from ceiling_dso_ros.io.recording import TopicNames
     from ceiling_dso_ros.playback.fusion_playback import robot_model
+    from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
     topics = TopicNames() if options.image_topic is None else TopicNames(image=options.image_topic)
     recording = open_recording(options.input, topics, camera_file=options.camera, robot_file=options.robot)
     wheels, description = recording.wheels, recording.robot
-    if wheels is None or len(wheels.stamps_ns) < 2:
+    if wheels is None or len(wheels) < 2:
         raise InputError(f"{options.input}: has no wheel encoders, without which there is nothing to compare with")
     if description is None:
         raise InputError(f"{options.input}: the robot's dimensions are unknown; give them with --robot")
     try:
         robot = robot_model(description)
-        odometry = WheelOdometry(robot, WheelConfig())
-        samples = zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist())
-        steps = [step for step in (odometry.add_ticks(*sample) for sample in samples) if step is not None]
+        steps = list(wheel_steps(wheels, WheelOdometry(robot, WheelConfig())))
         calibration = calibrate(steps, camera_poses(_track(recording)), robot)
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
@@ -71,18 +70,16 @@ def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
     """What the odometry says of all images that can be read."""
     from tqdm import tqdm
 
-    from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.dso.warmup import load_kernels
-    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.io.recording import Frame
+    from ceiling_dso_ros.playback.visual_run import VisualRun
 
-    preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
     load_kernels(tqdm.write)
-    odometry = DirectOdometry(recording.calibration.camera)
+    visual = VisualRun.of(recording)
     with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
         for frame in frames:
             if isinstance(frame, Frame):
-                yield odometry.track(preprocess(frame.image), frame.stamp_ns, frame.exposure_ms)
+                yield visual.track(frame.image, frame.stamp_ns, frame.exposure_ms).status
 
 
 def _table(calibration: "Calibration") -> str:

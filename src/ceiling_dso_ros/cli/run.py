@@ -61,11 +61,10 @@ def execute(options: argparse.Namespace) -> None:
     """
     from tqdm import tqdm
 
-    from ceiling_dso_ros.dso import DirectOdometry
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
-    from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
     from ceiling_dso_ros.playback.playback import Playback
+    from ceiling_dso_ros.playback.visual_run import VisualRun
     from ceiling_dso_ros.settings import load_settings, write_settings
 
     of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
@@ -84,8 +83,7 @@ def execute(options: argparse.Namespace) -> None:
 
     load_kernels(lambda message: print(message, file=sys.stderr))
     playback = Playback(
-        ImagePreprocessor(recording.calibration, recording.photometric),
-        DirectOdometry(recording.calibration.camera, config),
+        VisualRun.of(recording, config),
         _warn,
         fusion,
         options.predict,

@@ -44,7 +44,7 @@ def warm_up() -> int:
     odometry = DirectOdometry(camera, OdometryConfig(window=window))
     keyframes = 0
     for frame in range(MAX_FRAMES):
-        keyframes += odometry.track(textured_plane(camera, 0.012 * frame), float(frame)).is_keyframe
+        keyframes += odometry.track(textured_plane(camera, 0.012 * frame), frame).is_keyframe
         if keyframes == KEYFRAMES:
             break
     return keyframes

@@ -11,11 +11,11 @@ from typing import Tuple
 from tqdm import tqdm
 
 from ceiling_dso_ros import dso, simulation
-from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus
 from ceiling_dso_ros.fusion.durations import nanoseconds
-from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
+from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 
@@ -42,16 +42,14 @@ class OdometryRun:
 
     def track(self, recording: Recording, name: str) -> Statuses:
         """What the odometry says of the images."""
-        preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
-        odometry = DirectOdometry(recording.calibration.camera, self.config)
+        visual = VisualRun.of(recording, self.config)
         fusion = FusionPlayback(recording.wheels, robot_model(recording.robot)) if self.predict else None
         frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
         statuses = []
         usable = (frame for frame in frames if isinstance(frame, Frame))
         for frame in itertools.islice(usable, self.first, None, self.every):
             prediction = fusion.predicted_motion(statuses[-1], frame.stamp_ns) if fusion and statuses else None
-            image = preprocess(frame.image)
-            statuses.append(odometry.track(image, frame.stamp_ns, frame.exposure_ms, prediction))
+            statuses.append(visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, prediction).status)
             if fusion is not None:
                 fusion.add(statuses[-1])
         return tuple(statuses)

@@ -2,7 +2,7 @@
 
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, Optional, Tuple
 
 import numpy as np
 
@@ -11,11 +11,12 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
-from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, TopicNames, WheelTicks
+from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, TopicNames, WheelSamples
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
 from ceiling_dso_ros.io.static_transforms import StaticTransforms
-from ceiling_dso_ros.io.wheel_messages import ticks_of_counters, ticks_of_joint_states
+from ceiling_dso_ros.io.wheel_joints import WheelJoints
+from ceiling_dso_ros.io.wheel_messages import samples_of_counters, samples_of_joint_states
 
 BASE_FRAME = "base_link"
 
@@ -74,17 +75,16 @@ class BagRecording(Recording):
             yield ListedImage(stamp_ns, exposures_ms.get(stamp_ns), name, partial(decode, image))
 
     @cached_property
-    def wheels(self) -> Optional[WheelTicks]:
+    def wheels(self) -> Optional[WheelSamples]:
         """See Recording."""
         left, right, joint_states = self._topics.left_ticks, self._topics.right_ticks, self._topics.joint_states
         if left in self._types and right in self._types:
-            counters: Dict[str, List[Tuple[int, int]]] = {left: [], right: []}
-            for topic, stamp_ns, message in self._contents("std_msgs/msg/Int32", left, right):
-                counters[topic].append((stamp_ns, message.data))  # std_msgs/Int32 has no stamp of its own
-            return ticks_of_counters(counters[left], counters[right])
-        if joint_states in self._types and self.robot is not None:
+            sides = {left: "left", right: "right"}
+            counters = self._contents("std_msgs/msg/Int32", left, right)  # without stamps of their own
+            return samples_of_counters((sides[topic], stamp_ns, message.data) for topic, stamp_ns, message in counters)
+        if joint_states in self._types:
             states = [state for _, _, state in self._contents("sensor_msgs/msg/JointState", joint_states)]
-            return ticks_of_joint_states(states, self.robot.ticks_per_turn)
+            return samples_of_joint_states(states, WheelJoints(self._topics.left_joint, self._topics.right_joint))
         return None
 
     @cached_property

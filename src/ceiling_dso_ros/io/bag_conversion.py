@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, Iterator, Optional, Tuple, Union
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
 from ceiling_dso_ros.io.errors import FrameError
-from ceiling_dso_ros.io.recording import Recording, TopicNames, WheelTicks
+from ceiling_dso_ros.io.recording import Recording, TopicNames, WheelSamples, WheelUnit
 
 BASE_FRAME, CAMERA_FRAME = "base_link", "camera_up_optical_frame"
 
@@ -16,7 +16,7 @@ Event = Tuple[int, Callable[[], None]]  # stamp_ns, and what writes its messages
 
 
 def write_recording_as_bag(recording: Recording, path: Union[str, Path], topics: TopicNames = TopicNames()) -> None:
-    """Write images (uncompressed), exposures, camera_info, ticks and /tf_static; all stamps stay exact.
+    """Write images (uncompressed), exposures, camera_info, wheels and /tf_static; all stamps stay exact.
 
     Images that cannot be read are left out. A bag has no place for a photometric calibration, for a FOV lens, and for
     an output camera other than that of `crop` in the input's size: without a camera_info it is read with a camera.txt.
@@ -28,7 +28,7 @@ def write_recording_as_bag(recording: Recording, path: Union[str, Path], topics:
     with BagWriter(path) as bag:
         events = merge(
             _image_events(recording, bag, topics),
-            _tick_events(recording.wheels, bag, topics),
+            _wheel_events(recording.wheels, bag, topics),
             key=lambda event: event[0],
         )
         for number, (stamp_ns, write) in enumerate(events):
@@ -54,12 +54,16 @@ def _image_events(recording: Recording, bag: BagWriter, topics: TopicNames) -> I
         yield stamp_ns, partial(bag.image, topics.image, stamp_ns, CAMERA_FRAME, image)
 
 
-def _tick_events(wheels: Optional[WheelTicks], bag: BagWriter, topics: TopicNames) -> Iterator[Event]:
+def _wheel_events(wheels: Optional[WheelSamples], bag: BagWriter, topics: TopicNames) -> Iterator[Event]:
     if wheels is None:
         return
-    for stamp_ns, left, right in zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist()):
-        yield stamp_ns, partial(bag.ticks, topics.left_ticks, stamp_ns, left)
-        yield stamp_ns, partial(bag.ticks, topics.right_ticks, stamp_ns, right)
+    joints = [topics.left_joint or "left_wheel", topics.right_joint or "right_wheel"]
+    for stamp_ns, left, right in wheels:
+        if wheels.unit is WheelUnit.RADIANS:
+            yield stamp_ns, partial(bag.joint_state, topics.joint_states, stamp_ns, joints, [left, right])
+        else:
+            yield stamp_ns, partial(bag.ticks, topics.left_ticks, stamp_ns, left)
+            yield stamp_ns, partial(bag.ticks, topics.right_ticks, stamp_ns, right)
 
 
 def _camera_info(calibration: CameraCalibration) -> Optional[Dict[str, Any]]:

@@ -1,5 +1,6 @@
 """What a recording is, whether it comes from a folder or from a bag."""
 
+import enum
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,18 +59,35 @@ class ListedImage:
     decode: Callable[[], np.ndarray]
 
 
+class WheelUnit(enum.Enum):
+    """What a recording says of a wheel."""
+
+    TICKS = "ticks"  # counters, which may wrap around
+    RADIANS = "radians"  # angles, endless or wrapped at a whole turn
+
+
 @dataclass(frozen=True)
-class WheelTicks:
-    """Wheel encoder counters as recorded; they may wrap around.
+class WheelSamples:
+    """Readings of the two wheels as recorded.
 
     Attributes:
+        unit: of left and right.
         stamps_ns: (N,) int64 nanoseconds, increasing.
-        left, right: (N,) int64.
+        left, right: (N,) int64 ticks or float64 radians.
     """
 
+    unit: WheelUnit
     stamps_ns: np.ndarray
     left: np.ndarray
     right: np.ndarray
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.stamps_ns)
+
+    def __iter__(self) -> Iterator[Tuple[int, float, float]]:
+        """(stamp_ns, left, right) of each, in the order of time."""
+        return zip(self.stamps_ns.tolist(), self.left.tolist(), self.right.tolist())
 
 
 @dataclass(frozen=True)
@@ -101,6 +119,7 @@ class TopicNames:
         exposure: ceiling_dso_ros/Exposure, optional in the bag; None for the one beside the image topic.
         left_ticks, right_ticks: std_msgs/Int32 counters of the wheels, optional in the bag.
         joint_states: sensor_msgs/JointState with the wheels' angles, used where there are no ticks.
+        left_joint, right_joint: names of the wheels in it; empty for those that contain left and right.
     """
 
     image: str = "/camera/up/image_raw"
@@ -109,6 +128,8 @@ class TopicNames:
     left_ticks: str = "/wheel/left/ticks"
     right_ticks: str = "/wheel/right/ticks"
     joint_states: str = "/joint_states"
+    left_joint: str = ""
+    right_joint: str = ""
 
     def beside_image(self, name: str) -> str:
         """The topic of that name in the namespace of the image topic."""
@@ -148,7 +169,7 @@ class Recording(ABC):
 
     @property
     @abstractmethod
-    def wheels(self) -> Optional[WheelTicks]:
+    def wheels(self) -> Optional[WheelSamples]:
         """Wheel encoders, None where there are none.
 
         Raises:

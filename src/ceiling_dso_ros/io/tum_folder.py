@@ -13,7 +13,7 @@ from ceiling_dso_ros.io.camera_models import read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.photometric import read_photometric
-from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelTicks
+from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.stamps import parse_stamp_ns
 from ceiling_dso_ros.io.text_files import read_lines
@@ -66,7 +66,7 @@ class TumFolderRecording(Recording):
                 yield ListedImage(time.stamp_ns, time.exposure_ms, name, decode)
 
     @cached_property
-    def wheels(self) -> Optional[WheelTicks]:
+    def wheels(self) -> Optional[WheelSamples]:
         """See Recording."""
         path = self._optional("encoders.csv")
         return None if path is None else _read_encoders(path)
@@ -154,7 +154,7 @@ def _parse_time(line: str, where: str) -> _Time:
     return _Time(where, _image_id(words[0]), stamp_ns, exposure_ms or None)
 
 
-def _read_encoders(path: Path) -> WheelTicks:
+def _read_encoders(path: Path) -> WheelSamples:
     lines = read_lines(path)
     if lines and lines[0][1].replace(" ", "") == "stamp,left,right":
         lines = lines[1:]
@@ -170,4 +170,4 @@ def _read_encoders(path: Path) -> WheelTicks:
         rows.append(row)
     if not rows:
         raise InputError(f"{path}: there are no ticks in it; delete the file or write lines of 'stamp,left,right'")
-    return WheelTicks(*np.array(rows, dtype=np.int64).T)
+    return WheelSamples(WheelUnit.TICKS, *np.array(rows, dtype=np.int64).T)

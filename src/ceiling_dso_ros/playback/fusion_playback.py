@@ -1,18 +1,19 @@
 """Plays a recording's wheels into the fusion beside the odometry, as a robot would deliver them."""
 
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
 from ceiling_dso_ros.dso import CameraMotion, OdometryStatus, TrackingState
-from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState
-from ceiling_dso_ros.io.recording import RobotDescription, WheelTicks
+from ceiling_dso_ros.io.recording import RobotDescription, WheelSamples
 from ceiling_dso_ros.io.stamps import LATEST_NS, format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
+from ceiling_dso_ros.playback.fused_record import FusedRecord, smoothed_trajectory
+from ceiling_dso_ros.playback.wheel_playback import WheelPlayback
 
 
 def robot_model(robot: RobotDescription) -> RobotModel:
@@ -40,11 +41,10 @@ class FusionPlayback:
         estimator: the fusion.
     """
 
-    def __init__(self, wheels: WheelTicks, robot: RobotModel, config: FusionConfig = FusionConfig()) -> None:
+    def __init__(self, wheels: WheelSamples, robot: RobotModel, config: FusionConfig = FusionConfig()) -> None:
         self.estimator = FusionEstimator(robot, config, keep_history=True)
-        self._samples = list(zip(wheels.stamps_ns.tolist(), wheels.left.tolist(), wheels.right.tolist()))
-        self._next = 0
-        self._wheel: List[Tuple[int, np.ndarray]] = []
+        self._wheels = WheelPlayback(wheels, self.estimator)
+        self._record = FusedRecord()
         self._fused: List[FusedState] = []
 
     def add(self, status: OdometryStatus) -> None:
@@ -74,9 +74,8 @@ class FusionPlayback:
         Raises:
             OutputError: a file cannot be written.
         """
-        write_tum(directory / "wheel.tum", self.wheel())
-        write_tum(directory / "fused.tum", self.fused())
-        write_tum(directory / "fused_smoothed.tum", self.smoothed())
+        for name, trajectory in self._record.files(self.estimator.smoothed()).items():
+            write_tum(directory / f"{name}.tum", trajectory)
 
     @property
     def states(self) -> Sequence[FusedState]:
@@ -85,16 +84,15 @@ class FusionPlayback:
 
     def wheel(self) -> Trajectory:
         """The wheels alone, at every sample but the first."""
-        return _trajectory([stamp_ns for stamp_ns, _ in self._wheel], [pose for _, pose in self._wheel])
+        return self._record.wheel()
 
     def smoothed(self) -> Trajectory:
         """The keyframes by the graph of all that was taken in."""
-        nodes = self.estimator.smoothed()
-        return _trajectory([node.stamp_ns for node in nodes], [node.pose for node in nodes])
+        return smoothed_trajectory(self.estimator.smoothed())
 
     def fused(self) -> Trajectory:
         """What would have been published, at every wheel sample."""
-        return _trajectory([state.stamp_ns for state in self._fused], [state.pose for state in self._fused])
+        return self._record.fused()
 
     def summary(self) -> Dict[str, Any]:
         """The last scale (None where it was never known), the slips, and when the state changed for what reasons."""
@@ -110,13 +108,9 @@ class FusionPlayback:
         }
 
     def _play_wheels(self, until_ns: int = LATEST_NS) -> None:
-        while self._next < len(self._samples) and self._samples[self._next][0] <= until_ns:
-            stamp_ns, left, right = self._samples[self._next]
-            self._next += 1
-            state = self.estimator.add_wheel_ticks(stamp_ns, left, right)
-            if state is not None:
-                self._fused.append(state)
-                self._wheel.append((stamp_ns, self.estimator.wheels.total.pose))
+        for state in self._wheels.until(until_ns):
+            self._fused.append(state)
+            self._record.add(state, self.estimator.wheels.total.pose)
 
     def _changes(self) -> List[Dict[str, Any]]:
         changes: List[Dict[str, Any]] = []
@@ -133,7 +127,3 @@ class FusionPlayback:
                 )
                 last = sources
         return changes
-
-
-def _trajectory(stamps_ns: Sequence[int], poses: Sequence[np.ndarray]) -> Trajectory:
-    return Trajectory.from_matrices(stamps_ns, [planar.lift(pose) for pose in poses])

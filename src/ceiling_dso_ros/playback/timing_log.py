@@ -3,7 +3,7 @@
 import csv
 from array import array
 from pathlib import Path
-from typing import Any, Dict, List, Mapping
+from typing import Any, Dict, List
 
 import numpy as np
 
@@ -25,18 +25,17 @@ class TimingLog:
     def __len__(self) -> int:
         return len(self._states)
 
-    def add(self, status: OdometryStatus, total_ms: float, stages_ms: Mapping[str, float]) -> None:
+    def add(self, status: OdometryStatus, total_ms: float) -> None:
         """Record one frame.
 
         Args:
-            status: the result.
+            status: the result, with the milliseconds of the stages that this frame went through.
             total_ms: wall time from the raw image to the result, milliseconds.
-            stages_ms: milliseconds of the stages that this frame went through.
         """
-        for name in stages_ms:
+        for name in status.timing_ms:
             self._stages_ms.setdefault(name, array("d", [0.0] * len(self)))
         for name, column in self._stages_ms.items():
-            column.append(stages_ms.get(name, 0.0))
+            column.append(status.timing_ms.get(name, 0.0))
         self._stamps_ns.append(status.stamp_ns)
         self._total_ms.append(total_ms)
         self._is_keyframe.append(status.is_keyframe)

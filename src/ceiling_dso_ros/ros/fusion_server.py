@@ -16,11 +16,11 @@ from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
+from ceiling_dso_ros.playback.fused_record import FusedRecord
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time
-from ceiling_dso_ros.ros.fused_record import FusedRecord
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.planar_messages import planar_pose

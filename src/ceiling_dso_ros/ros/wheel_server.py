@@ -14,12 +14,12 @@ from std_msgs.msg import Header, Int32
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import read_robot
 from ceiling_dso_ros.ros.services import offer_trigger
-from ceiling_dso_ros.ros.tick_pairs import TickPairs
 
 QUEUE_SIZE = 200  # samples; every one counts
 BACKWARDS_S = 0.5  # time that goes back further is another run; less are samples out of order

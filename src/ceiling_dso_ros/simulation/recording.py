@@ -6,7 +6,7 @@ from typing import Iterator, Optional
 import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
-from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelTicks
+from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.simulation import Simulation, stamp_ns
@@ -43,11 +43,11 @@ class SimulatedRecording(Recording):
             )
 
     @property
-    def wheels(self) -> WheelTicks:
+    def wheels(self) -> WheelSamples:
         """See Recording; the counters wrap around."""
         encoders = self.simulation.encoders
         stamps_ns = np.array([stamp_ns(time_s) for time_s in encoders.time_s], dtype=np.int64)
-        return WheelTicks(stamps_ns, encoders.counters[:, 0], encoders.counters[:, 1])
+        return WheelSamples(WheelUnit.TICKS, stamps_ns, encoders.counters[:, 0], encoders.counters[:, 1])
 
     @property
     def robot(self) -> RobotDescription:

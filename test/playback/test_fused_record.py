@@ -1,7 +1,7 @@
 import numpy as np
 
 from ceiling_dso_ros.fusion.state import FusedState, FusionState, ScaleState
-from ceiling_dso_ros.ros.fused_record import FusedRecord
+from ceiling_dso_ros.playback.fused_record import FusedRecord
 
 
 def test_trajectories_hold_every_output():
@@ -9,14 +9,14 @@ def test_trajectories_hold_every_output():
     scale = ScaleState(1.0, 0.1, True, 0)
     for index in range(3):
         pose = np.array([index, 0.0, 0.5])
-        state = FusedState(float(index), pose, np.eye(3), np.zeros(2), np.eye(2), FusionState.CONVERGED, (), scale)
+        state = FusedState(10**18 + index, pose, np.eye(3), np.zeros(2), np.eye(2), FusionState.CONVERGED, (), scale)
         record.add(state, pose + 1.0)
-    trajectories = record.trajectories([])
+    trajectories = record.files([])
     assert trajectories["fused"].positions[:, 0].tolist() == [0.0, 1.0, 2.0]
     assert trajectories["wheel"].positions[:, 1].tolist() == [1.0, 1.0, 1.0]
-    assert trajectories["fused"].stamps_s.tolist() == [0.0, 1.0, 2.0]
+    assert trajectories["fused"].stamps_ns.tolist() == [10**18, 10**18 + 1, 10**18 + 2]
     assert len(trajectories["fused_smoothed"]) == 0
 
 
 def test_nothing_yet():
-    assert [len(trajectory) for trajectory in FusedRecord().trajectories([]).values()] == [0, 0, 0]
+    assert [len(trajectory) for trajectory in FusedRecord().files([]).values()] == [0, 0, 0]

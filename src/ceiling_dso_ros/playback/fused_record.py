@@ -1,0 +1,47 @@
+"""What the fusion has published, as an offline run writes it and fusion_node's service ~save_trajectory."""
+
+from array import array
+from typing import Dict, Sequence
+
+import numpy as np
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.graph import SmoothedNode
+from ceiling_dso_ros.fusion.state import FusedState
+from ceiling_dso_ros.io.trajectory import Trajectory
+
+
+class FusedRecord:
+    """The stamp, the fused pose and the wheels' pose of every output, in 56 bytes."""
+
+    def __init__(self) -> None:
+        self._stamps_ns = array("q")
+        self._fused = array("d")  # x, y, yaw
+        self._wheel = array("d")
+
+    def add(self, state: FusedState, wheel_pose: np.ndarray) -> None:
+        """Remember an output, and the (3,) pose by the wheels alone."""
+        self._stamps_ns.append(state.stamp_ns)
+        self._fused.extend(state.pose)
+        self._wheel.extend(wheel_pose)
+
+    def wheel(self) -> Trajectory:
+        """The wheels alone, at every sample but the first: base_link in odom."""
+        return _trajectory(self._stamps_ns, np.reshape(self._wheel, (-1, 3)))
+
+    def fused(self) -> Trajectory:
+        """What was published: base_link in odom."""
+        return _trajectory(self._stamps_ns, np.reshape(self._fused, (-1, 3)))
+
+    def files(self, smoothed: Sequence[SmoothedNode]) -> Dict[str, Trajectory]:
+        """The trajectories by the names of their files; smoothed: the keyframes by the graph of all data."""
+        return {"wheel": self.wheel(), "fused": self.fused(), "fused_smoothed": smoothed_trajectory(smoothed)}
+
+
+def smoothed_trajectory(nodes: Sequence[SmoothedNode]) -> Trajectory:
+    """The keyframes by the graph: base_link in odom."""
+    return _trajectory([node.stamp_ns for node in nodes], [node.pose for node in nodes])
+
+
+def _trajectory(stamps_ns: Sequence[int], poses: Sequence[np.ndarray]) -> Trajectory:
+    return Trajectory.from_matrices(stamps_ns, [planar.lift(pose) for pose in poses])

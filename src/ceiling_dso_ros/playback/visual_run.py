@@ -1,0 +1,102 @@
+"""One camera's images through preprocessing and odometry: what an offline run and dso_node have in common."""
+
+import time
+from dataclasses import replace
+from typing import Callable, Dict, NamedTuple, Optional
+
+import numpy as np
+
+from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
+from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+from ceiling_dso_ros.io.recording import Recording
+from ceiling_dso_ros.io.trajectory import Trajectory
+from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
+
+
+class TrackedImage(NamedTuple):
+    """An image after the odometry.
+
+    Attributes:
+        status: what the odometry says of it; its timing has the preprocessing, too, as `undistort`.
+        image: (height, width) float32, as the odometry saw it.
+        total_ms: milliseconds of preprocessing and odometry.
+    """
+
+    status: OdometryStatus
+    image: np.ndarray
+    total_ms: float
+
+
+class VisualRun:
+    """Tracks raw images and keeps the trajectory.
+
+    Attributes:
+        odometry: the odometry.
+        trajectories: what it said so far.
+        last: what it said of the last image; None before the first.
+    """
+
+    def __init__(
+        self, preprocess: Callable[[np.ndarray], np.ndarray], odometry: DirectOdometry, keep_trajectory: bool = True
+    ) -> None:
+        """Begin.
+
+        Args:
+            preprocess: makes the odometry's images of raw ones.
+            odometry: before its first image.
+            keep_trajectory: remember the poses, 272 bytes an image.
+        """
+        self._preprocess = preprocess
+        self._keep = keep_trajectory
+        self.odometry = odometry
+        self._forget()
+
+    @classmethod
+    def of(
+        cls, recording: Recording, config: OdometryConfig = OdometryConfig(),
+        scheduler: Optional[SequentialScheduler] = None,
+    ) -> "VisualRun":  # fmt: skip
+        """A run over the images of a recording."""
+        preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+        return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler))
+
+    def track(
+        self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float],
+        prediction: Optional[CameraMotion] = None,
+    ) -> TrackedImage:  # fmt: skip
+        """Process one image.
+
+        Args:
+            image: (height, width) uint8 or uint16, as it comes from the camera.
+            stamp_ns: its stamp, nanoseconds.
+            exposure_ms: None when unknown.
+            prediction: the camera's motion since the last image by other means; None when there is none.
+        """
+        start_s = time.perf_counter()
+        preprocessed = self._preprocess(image)
+        preprocessed_s = time.perf_counter()
+        status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction)
+        end_s = time.perf_counter()
+        timing_ms = {"undistort": 1e3 * (preprocessed_s - start_s), **status.timing_ms}
+        self.last = replace(status, timing_ms=timing_ms)
+        if self._keep:
+            self.trajectories.add(status)
+        return TrackedImage(self.last, preprocessed, 1e3 * (end_s - start_s))
+
+    def restart(self) -> None:
+        """Forget everything: the next image starts segment 0."""
+        self.odometry.reset()
+        self._forget()
+
+    def files(self) -> Dict[str, Trajectory]:
+        """The trajectories by the names of their files: T_world_camera in VO units."""
+        return {
+            "camera": self.trajectories.live(),
+            "camera_final": self.trajectories.final(),
+            "keyframes": self.trajectories.keyframes(),
+        }
+
+    def _forget(self) -> None:
+        self.trajectories = TrajectoryRecorder()
+        self.last: Optional[OdometryStatus] = None

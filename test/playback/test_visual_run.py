@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.playback.visual_run import VisualRun
+
+
+class FakeOdometry:
+    def __init__(self):
+        self.seen, self.resets = [], 0
+
+    def track(self, image, stamp_ns, exposure_ms, prediction):
+        self.seen.append((image, stamp_ns, exposure_ms, prediction))
+        keyframes = (KeyframeEstimate(0, stamp_ns, 0, np.eye(4), (0.0, 0.0), False),)
+        return OdometryStatus(
+            stamp_ns,
+            TrackingState.TRACKING,
+            0,
+            np.eye(4),
+            None,
+            True,
+            0,
+            np.eye(4),
+            keyframes,
+            timing_ms={"track": 1.5},
+        )
+
+    def reset(self):
+        self.resets += 1
+
+
+RAW = np.full((2, 3), 7, np.uint8)
+
+
+def test_the_odometry_gets_preprocessed_images_and_their_very_stamps():
+    odometry = FakeOdometry()
+    tracked = VisualRun(lambda image: image + 100.0, odometry).track(RAW, 1_732_800_000_123_456_789, 2.5)
+    image, stamp_ns, exposure_ms, prediction = odometry.seen[0]
+    assert (stamp_ns, exposure_ms, prediction) == (1_732_800_000_123_456_789, 2.5, None)
+    assert image[0, 0] == 107.0
+    assert tracked.image is image
+    assert set(tracked.status.timing_ms) == {"undistort", "track"}
+    assert tracked.total_ms >= tracked.status.timing_ms["undistort"] >= 0.0
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_the_trajectory_is_kept_when_asked_for(keep):
+    run = VisualRun(lambda image: image, FakeOdometry(), keep_trajectory=keep)
+    assert run.last is None
+    run.track(RAW, 1, None)
+    assert run.last.stamp_ns == 1
+    assert {name: len(trajectory) for name, trajectory in run.files().items()} == dict.fromkeys(
+        ("camera", "camera_final", "keyframes"), int(keep)
+    )
+
+
+def test_a_restart_forgets_everything():
+    odometry = FakeOdometry()
+    run = VisualRun(lambda image: image, odometry)
+    run.track(RAW, 1, None)
+    run.restart()
+    assert odometry.resets == 1
+    assert run.last is None
+    assert len(run.files()["camera"]) == 0
