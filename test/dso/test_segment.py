@@ -26,7 +26,7 @@ class FakeMapping:
 
 def snapshot(stamp, keyframe_id, T_camera_world=np.eye(4), affine=(0.0, 0.0)):
     return SimpleNamespace(
-        stamp_s=stamp,
+        stamp_ns=stamp,
         reference=SimpleNamespace(keyframe_id=keyframe_id, T_camera_world=T_camera_world, affine=np.array(affine)),
         keyframes=[SimpleNamespace(keyframe_id=keyframe_id)],
         rmse=3.0,

@@ -1,6 +1,5 @@
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
-from fractions import Fraction
 from typing import Tuple, Union
 
 import numpy as np
@@ -13,7 +12,8 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
-from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
+from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
+from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
 
 UNKNOWN_VARIANCE = 9999.0  # by convention: nothing is known
 SMALLEST_VARIANCE = 1e-12  # consumers invert the covariance, so it is never singular
@@ -71,12 +71,14 @@ def matrix_from_transform(transform: Transform) -> np.ndarray:
     return matrix_from_pose(Pose(transform.translation, transform.rotation))
 
 
-def ros_time(stamp_s: float) -> Time:
-    """The stamp whose seconds these are.
+def ros_time(stamp_ns: int) -> Time:
+    """The ROS time of a stamp, to the nanosecond."""
+    return Time(*parts_of_stamp(stamp_ns))
 
-    Exact arithmetic: doubles of seconds since 1970 are 0.2 us apart, and this comes back to the same one.
-    """
-    return Time(0, round(Fraction(stamp_s) * 10**9))
+
+def stamp_ns_of(time: Time) -> int:
+    """Nanoseconds of a ROS time, the inverse of `ros_time`."""
+    return stamp_from_parts(time.secs, time.nsecs)
 
 
 def pose_covariance(covariance: np.ndarray, T_world_camera: np.ndarray) -> np.ndarray:
@@ -123,24 +125,32 @@ def unknown_covariance() -> np.ndarray:
 def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStatus:
     """VisualOdometryStatus of an image, its counts, times and frame left to the node."""
     relative = status.T_keyframe_camera
+    pose = [] if relative is None else [RelativePose(status.keyframe_id, pose_from_matrix(relative))]
     return VisualOdometryStatus(
         header=header,
         state=STATES[status.state],
         message=status.message,
         segment=status.segment,
+        pose=pose,
         is_keyframe=status.is_keyframe,
-        keyframe_id=status.keyframe_id,
-        pose_in_keyframe=Pose() if relative is None else pose_from_matrix(relative),
-        window_changed=bool(status.keyframes),
+        keyframes=[_keyframe(keyframe) for keyframe in status.keyframes],
         active_points=status.active_points,
         candidate_points=status.candidate_points,
         rmse=status.rmse,
     )
 
 
-def no_pose_message(header: Header, state: int, message: str) -> VisualOdometryStatus:
-    """VisualOdometryStatus of an image that did not reach the odometry, because of message."""
-    return VisualOdometryStatus(header=header, state=state, message=message, keyframe_id=-1, rmse=float("nan"))
+def no_pose_message(header: Header, last: VisualOdometryStatus, message: str) -> VisualOdometryStatus:
+    """VisualOdometryStatus of an image that did not reach the odometry, because of message: all stays as it was."""
+    return VisualOdometryStatus(
+        header=header,
+        state=last.state,
+        segment=last.segment,
+        active_points=last.active_points,
+        candidate_points=last.candidate_points,
+        message=message,
+        rmse=float("nan"),
+    )
 
 
 def keyframes_message(header: Header, keyframes: Tuple[KeyframeEstimate, ...]) -> Keyframes:
@@ -152,7 +162,7 @@ def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
     affine_a, affine_b = keyframe.affine
     return Keyframe(
         id=keyframe.keyframe_id,
-        stamp=ros_time(keyframe.stamp_s),
+        stamp=ros_time(keyframe.stamp_ns),
         segment=keyframe.segment,
         pose=pose_from_matrix(keyframe.T_world_camera),
         affine_a=affine_a,

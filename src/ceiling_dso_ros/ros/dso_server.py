@@ -4,6 +4,7 @@ import math
 import threading
 import time
 import traceback
+from dataclasses import replace
 from typing import Dict, Optional, Tuple, Union
 
 import rospy
@@ -11,23 +12,25 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig
+from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, OdometryStatus
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
-from ceiling_dso_ros.io.stamps import seconds
+from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 from ceiling_dso_ros.ros import diagnostics, parameters
-from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
+from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, stamp_ns_of, status_message
+from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
 from ceiling_dso_ros.ros.exposures import ExposureLookup
 from ceiling_dso_ros.ros.kernels import load_kernels
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
 from ceiling_dso_ros.ros.motion_predictions import MotionPredictions
+from ceiling_dso_ros.ros.node import time_is_simulated
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 
@@ -62,8 +65,9 @@ class DsoServer:
             9999 while tracking is lost, the twist's always.
         visual_odometry/pose (geometry_msgs/PoseStamped): the same pose, only while tracking.
         visual_odometry/path (nav_msgs/Path): the poses of the current segment.
-        visual_odometry/keyframes (Keyframes): the window as refined, whenever it changed.
-        visual_odometry/status (VisualOdometryStatus): one for every image that was not dropped.
+        visual_odometry/status (VisualOdometryStatus): one for every image that was not dropped, with the window's
+            keyframes where they changed.
+        visual_odometry/keyframes (Keyframes): these keyframes alone, latched.
         visual_odometry/points (sensor_msgs/PointCloud2): the window's points, when it changed and somebody listens.
         visual_odometry/debug_image (sensor_msgs/Image): the image with the points, when somebody listens.
         /diagnostics
@@ -112,7 +116,9 @@ class DsoServer:
         self._images = diagnostics.Stream(parameters.number("silence", 0.5, 0.1, 60.0))
         self._dropped, self._paused = 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
-        self._last_stamp: Optional[rospy.Time] = None
+        self._begins_again = time_is_simulated()
+        self._clock = DataClock()
+        self._last_stamp_ns: Optional[int] = None
         self._camera_info: Tuple = ()  # as last received
         self._camera_info_complaint = ""
         self._calibration: Optional[CameraCalibration] = None  # the newest, set by the thread of camera_info
@@ -168,7 +174,7 @@ class DsoServer:
 
     def _on_exposure(self, message: Exposure) -> None:
         if math.isfinite(message.exposure_ms):
-            self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms)
+            self._exposures.add(stamp_ns_of(message.header.stamp), message.exposure_ms)
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         fields = (message.width, message.height, message.distortion_model, message.D, message.K, message.P)
@@ -194,11 +200,12 @@ class DsoServer:
         except FrameError as error:
             self._images.complain(str(error))
             rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
-            status = no_pose_message(header, self._status.state, str(error))
+            status = no_pose_message(header, self._status, str(error))
         except Exception as error:  # a robot that drives must not lose the node, whatever an image does to it
             rospy.logerr("the odometry failed, starting anew: %s", traceback.format_exc())
             self._start_anew()
-            status = no_pose_message(header, VisualOdometryStatus.LOST, f"failed: {type(error).__name__}: {error}")
+            lost = VisualOdometryStatus(state=VisualOdometryStatus.LOST)
+            status = no_pose_message(header, lost, f"failed: {type(error).__name__}: {error}")
         status.camera_frame_id = self._camera_frame(message)
         status.processing_ms = 1e3 * (time.perf_counter() - start_s)
         status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
@@ -217,19 +224,19 @@ class DsoServer:
         if self._odometry is None:
             waiting = f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
-            return no_pose_message(header, VisualOdometryStatus.WAITING, waiting)
+            return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
         image = self._preprocess(image_array(message))
-        last_stamp = self._last_stamp
-        self._check_order(message.header.stamp)
-        stamp_ns = message.header.stamp.to_nsec()
+        stamp_ns, last_ns = stamp_ns_of(message.header.stamp), self._last_stamp_ns
+        self._take_stamp(stamp_ns)
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
         exposure_ms = self._exposures.at(stamp_ns, timeout_s)
         known = {}
-        if self._predictions is not None and last_stamp is not None:
-            known["prediction"] = self._predictions.between(last_stamp, message.header.stamp, self._status.segment)
-        status = self._odometry.track(image, seconds(stamp_ns), exposure_ms, **known)
+        if self._predictions is not None and last_ns is not None:
+            known["prediction"] = self._predictions.between(last_ns, stamp_ns, self._status.segment)
+        status = self._odometry.track(image, self._clock.last_ns, exposure_ms, **known)
         if self._keep:
             self._recorder.add(status)
+        status = self._with_data_stamps(status)
         camera_frame_id = self._camera_frame(message)
         self._publisher.publish(header, camera_frame_id, status)
         if self._map.wants(status):
@@ -251,24 +258,37 @@ class DsoServer:
         self._start_anew()
         rospy.loginfo(f"tracking images of {calibration.lens} as {self._preprocess.camera}")
 
-    def _check_order(self, stamp: rospy.Time) -> None:
-        """Start anew when time goes backwards, as it does when a bag is played again.
+    def _take_stamp(self, stamp_ns: int) -> None:
+        """Put an image into the order of time; where that is one of a bag which is played again, start anew.
 
         Raises:
-            FrameError: there is no stamp, or it is that of the last image.
+            FrameError: there is no stamp, or it is not later than that of the last image.
         """
-        if stamp.is_zero():
+        if stamp_ns == 0:
             raise FrameError("it has no stamp")
-        last, self._last_stamp = self._last_stamp, stamp
-        if last is None or stamp > last:
-            return
-        if stamp == last:
-            raise FrameError(f"the stamp {seconds(stamp.to_nsec()):.9f} is that of the image before")
-        rospy.logwarn(f"time went backwards by {(last - stamp).to_sec():.3f} s: starting anew")
-        self._start_anew()
+        kind = self._clock.take(stamp_ns)
+        if kind in (StampKind.REPEATED, StampKind.LATE):
+            raise FrameError(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
+        if kind is StampKind.BACK:
+            went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
+            if self._begins_again:
+                rospy.logwarn(f"{went_back}: starting anew")
+                self._start_anew()
+                self._clock.take(stamp_ns)
+            else:
+                rospy.logwarn(f"{went_back}: the clock was set back, the odometry goes on")
+                self._clock.set_back(stamp_ns)
+        self._last_stamp_ns = stamp_ns
+
+    def _with_data_stamps(self, status: OdometryStatus) -> OdometryStatus:
+        """The status with the very stamps of the images, where the clock has been set back since."""
+        keyframes = tuple(replace(k, stamp_ns=self._clock.stamp_ns(k.stamp_ns)) for k in status.keyframes)
+        return replace(status, stamp_ns=self._clock.stamp_ns(status.stamp_ns), keyframes=keyframes)
 
     def _start_anew(self) -> None:
         self._odometry.reset()
+        self._clock.reset()
+        self._last_stamp_ns = None
         self._recorder = TrajectoryRecorder()
         self._publisher.reset()
 

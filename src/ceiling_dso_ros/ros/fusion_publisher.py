@@ -48,9 +48,9 @@ class FusionPublisher:
         """Whether somebody listens to the motion prediction."""
         return self._prediction.get_num_connections() > 0
 
-    def publish(self, state: FusedState, status: FusionStatus) -> None:
-        """Publish an output; status is complete but for header, state and reasons."""
-        header = Header(stamp=ros_time(state.stamp_s), frame_id=self._odom_frame)
+    def publish(self, stamp: rospy.Time, state: FusedState, status: FusionStatus) -> None:
+        """Publish an output with the stamp of its data; status is complete but for header, state and reasons."""
+        header = Header(stamp=stamp, frame_id=self._odom_frame)
         odometry = planar_odometry(
             header, self._base_frame, state.pose, state.covariance, state.twist, state.twist_covariance
         )
@@ -60,13 +60,13 @@ class FusionPublisher:
         self._status.publish(status)
         self._path.add(PoseStamped(header, odometry.pose.pose))
 
-    def publish_prediction(self, motion: Optional[CameraMotion], start_s: float, end_s: float, segment: int) -> None:
+    def publish_prediction(self, motion: Optional[CameraMotion], start_ns: int, end_ns: int, segment: int) -> None:
         """Publish how the camera has moved between two stamps of its clock; nothing when that is not known."""
         if motion is None:
             return
         message = MotionPrediction(
-            header=Header(stamp=ros_time(end_s), frame_id=self.visual_frame),
-            start=ros_time(start_s),
+            header=Header(stamp=ros_time(end_ns), frame_id=self.visual_frame),
+            start=ros_time(start_ns),
             motion=pose_from_matrix(motion.T_start_end),
             covariance=motion.covariance.ravel().tolist(),
             segment=segment,

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Callable, Optional, Union
+from typing import Optional
 
 import numpy as np
 import rospy
@@ -12,26 +12,27 @@ from nav_msgs.msg import Odometry
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.playback.fused_record import FusedRecord
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
-from ceiling_dso_ros.ros.conversions import ros_time
+from ceiling_dso_ros.ros.conversions import ros_time, stamp_ns_of
+from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.metric_map import MetricMap
+from ceiling_dso_ros.ros.node import time_is_simulated
 from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.robot_parameter import read_robot, with_camera
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
-from ceiling_dso_ros.ros.visual_input import VisualInput
+from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message
 from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
 
 QUEUE_SIZE = 200  # every wheel sample and every image counts
-BACKWARDS_S = 0.5  # time that goes back further is another run; less are samples out of order
-CAMERA_AHEAD_S = 1.0  # right after a start anew, images so far ahead of the wheels are of the run before
+CAMERA_AHEAD_NS = 10**9  # right after a start anew, images so far ahead of the wheels are of the run before
 
 
 class FusionServer:
@@ -39,7 +40,8 @@ class FusionServer:
 
     Subscribes:
         wheel/odometry (nav_msgs/Odometry): of wheel_odometry_node or of any other driver.
-        visual_odometry/status, visual_odometry/keyframes: of dso_node.
+        visual_odometry/status (VisualOdometryStatus): of dso_node.
+        visual_odometry/keyframes (Keyframes): the window that was there before this node.
         /tf_static, /tf: where the camera is, unless robot.yaml says so; who else publishes the base's transform.
 
     Publishes:
@@ -91,11 +93,13 @@ class FusionServer:
 
         self._lock = threading.Lock()
         self._wheels, self._images = diagnostics.Stream(silence_s), diagnostics.Stream(silence_s)
-        self._visual = VisualInput()
+        self._begins_again = time_is_simulated()
+        self._clock = DataClock()  # of the wheels; the images' stamps are brought onto it
         self._counts = FusionStatus()
         camera_frame = parameters.frame("camera_frame", "")
         self._mount = CameraMount(base_frame, camera_frame, self._robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
+        self._camera_offset_ns = nanoseconds(self._robot.camera_time_offset_s)
         self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
         self._publisher = FusionPublisher(self._odom_frame, base_frame)
         self._map = MetricMap(self._odom_frame)
@@ -123,11 +127,12 @@ class FusionServer:
         """Begin a run."""
         self._state: Optional[FusedState] = None
         self._record = FusedRecord()
-        self._last_wheel_s = -np.inf
+        self._clock.reset()
+        self._last_image_ns: Optional[int] = None
+        self._window_known = False
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
         self._newest_image: Optional[OdometryStatus] = None
         self._camera_may_be_old = True
-        self._visual.clear()
         self._publisher.reset()
         self._map.clear()
 
@@ -137,25 +142,35 @@ class FusionServer:
         start_s = time.perf_counter()
         with self._lock:
             self._wheels.heard()
-            stamp_s = seconds(message.header.stamp.to_nsec())
+            stamp_ns = stamp_ns_of(message.header.stamp)
             try:
                 pose = planar_pose(message.pose.pose)
             except ValueError as error:
                 self._wheels.complain(str(error))
                 return
-            if stamp_s == 0.0:
+            if stamp_ns == 0:
                 self._wheels.complain("a message without a stamp")
                 return
-            if stamp_s < self._last_wheel_s - BACKWARDS_S:
-                self._start_anew(f"time went backwards by {self._last_wheel_s - stamp_s:.3f} s")
+            self._take_wheel_stamp(stamp_ns)
             self._use_mount()
-            self._last_wheel_s = max(self._last_wheel_s, stamp_s)
             self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
-            state = self._estimator.add_wheel_odometry(stamp_s, pose)
+            state = self._estimator.add_wheel_odometry(self._clock.inner_ns(stamp_ns), pose)
             if self._estimator.wheels.message:
                 self._wheels.complain(self._estimator.wheels.message)
             self._publish(state, start_s)
             self._predict()
+
+    def _take_wheel_stamp(self, stamp_ns: int) -> None:
+        """Put a wheel sample into the order of time; where that is one of a bag which is played again, start anew."""
+        if self._clock.take(stamp_ns) is not StampKind.BACK:
+            return
+        went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
+        if self._begins_again:
+            self._start_anew(went_back)
+            self._clock.take(stamp_ns)
+        else:
+            rospy.logwarn(f"{went_back}: the clock was set back, the pose stays")
+            self._clock.set_back(stamp_ns)
 
     def _on_status(self, message: VisualOdometryStatus) -> None:
         start_s = time.perf_counter()
@@ -163,32 +178,50 @@ class FusionServer:
             self._images.heard()
             self._mount.name_frame(message.camera_frame_id)
             self._publisher.visual_frame = message.header.frame_id
-            self._take_in(self._visual.add_status, message, start_s)
+            try:
+                status = status_from_message(message, self._clock)
+            except ValueError as error:
+                self._images.complain(str(error))
+                return
+            if status is not None and self._is_of_now(status.stamp_ns):
+                self._window_known |= bool(status.keyframes)
+                self._take_in(status, message.header.stamp, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
-        start_s = time.perf_counter()
+        """Take in the latched window, which a robot that stands may not refine for long."""
         with self._lock:
-            self._take_in(self._visual.add_keyframes, message, start_s)
+            if self._window_known or not self._camera_known:
+                return
+            try:
+                window = window_from_message(message, self._clock)
+            except ValueError as error:
+                self._images.complain(str(error))
+                return
+            self._window_known = True
+            self._estimator.add_keyframes(window)
 
-    def _take_in(self, add: Callable, message: Union[VisualOdometryStatus, Keyframes], start_s: float) -> None:
-        try:
-            statuses = add(message)
-        except ValueError as error:
-            self._images.complain(str(error))
+    def _is_of_now(self, stamp_ns: int) -> bool:
+        """Whether an image is neither of the run before nor out of order."""
+        newest_wheel_ns = self._clock.last_ns
+        if self._camera_may_be_old and (newest_wheel_ns is None or stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
+            return False
+        self._camera_may_be_old = False
+        last_ns, self._last_image_ns = self._last_image_ns, stamp_ns
+        if last_ns is None or stamp_ns > last_ns:
+            return True
+        if stamp_ns >= last_ns - BACKWARDS_NS:
+            self._last_image_ns = last_ns
+        self._images.complain("an image that is not later than the last one")
+        return False
+
+    def _take_in(self, status: OdometryStatus, stamp: rospy.Time, start_s: float) -> None:
+        if not self._camera_known:  # without its mount its motion means nothing
             return
-        for status in statuses:
-            if self._camera_may_be_old and status.stamp_s > self._last_wheel_s + CAMERA_AHEAD_S:
-                continue
-            self._camera_may_be_old = False
-            if not self._camera_known:  # without its mount its motion means nothing
-                continue
-            self._newest_image = status
-            for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
-                self._publish(state, start_s)
-            if status.keyframes:
-                robot = self._robot
-                stamp = ros_time(status.stamp_s)
-                self._map.add_window(stamp, status.keyframes, robot.camera_time_offset_s, robot.T_base_camera)
+        self._newest_image = status
+        for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
+            self._publish(state, start_s)
+        if status.keyframes:
+            self._map.add_window(stamp, status.keyframes, self._camera_offset_ns, self._robot.T_base_camera)
 
     def _use_mount(self) -> None:
         """Take the camera in as soon as it is known where it sits."""
@@ -217,17 +250,19 @@ class FusionServer:
         self._counts.wheel_samples, self._counts.wheel_rejected = self._wheels.received, self._wheels.rejected
         self._counts.images = self._images.received
         self._counts.processing_ms = 1e3 * (time.perf_counter() - start_s)
-        self._publisher.publish(state, self._counts)
-        self._transform.send(ros_time(state.stamp_s), state.pose, self._wheel_frame, self._wheel_pose)
+        stamp = ros_time(self._clock.stamp_ns(state.stamp_ns))
+        self._publisher.publish(stamp, state, self._counts)
+        self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
 
     def _predict(self) -> None:
         newest = self._newest_image
         if newest is None or newest.state is not TrackingState.TRACKING or not self._publisher.prediction_wanted:
             return
-        end_s = self._last_wheel_s - self._robot.camera_time_offset_s
-        if end_s > newest.stamp_s:
-            motion = self._estimator.predict_camera_motion(newest.stamp_s, end_s)
-            self._publisher.publish_prediction(motion, newest.stamp_s, end_s, newest.segment)
+        end_ns = self._clock.last_ns - self._camera_offset_ns
+        if end_ns > newest.stamp_ns:
+            motion = self._estimator.predict_camera_motion(newest.stamp_ns, end_ns)
+            span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)
+            self._publisher.publish_prediction(motion, *span_ns, newest.segment)
 
     # Services
 
@@ -256,7 +291,7 @@ class FusionServer:
 
     def _trajectories(self) -> dict:
         with self._lock:
-            return self._record.trajectories(self._estimator.smoothed() if self._keep else [])
+            return self._record.files(self._estimator.smoothed() if self._keep else [])
 
     # Diagnostics
 

@@ -13,8 +13,9 @@ from ceiling_dso_ros.dso import KeyframeEstimate
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.state import FusedState
-from ceiling_dso_ros.ros.conversions import pose_from_matrix
+from ceiling_dso_ros.ros.conversions import pose_from_matrix, stamp_ns_of
 
+LONGEST_GAP_NS = 10**9  # between a window and points that are placed with it
 REMEMBERED_POSES = 500  # longer than an image takes through the visual odometry
 
 
@@ -34,30 +35,30 @@ class MetricMap:
 
     def clear(self) -> None:
         """Forget where the robot was."""
-        self._poses: Deque[Tuple[float, np.ndarray, float]] = deque(maxlen=REMEMBERED_POSES)
-        self._placed: Optional[Tuple[float, np.ndarray]] = None
+        self._poses: Deque[Tuple[int, np.ndarray, float]] = deque(maxlen=REMEMBERED_POSES)
+        self._placed: Optional[Tuple[int, np.ndarray]] = None
 
     def add_pose(self, state: FusedState) -> None:
         """Remember a fused pose."""
-        self._poses.append((state.stamp_s, state.pose, state.scale.value))
+        self._poses.append((state.stamp_ns, state.pose, state.scale.value))
 
-    def add_window(self, stamp: rospy.Time, keyframes: tuple, stamp_offset_s: float, T_base_camera: np.ndarray) -> None:
+    def add_window(self, stamp: rospy.Time, keyframes: tuple, offset_ns: int, T_base_camera: np.ndarray) -> None:
         """Publish a window.
 
         Args:
             stamp: of the image that it was refined with.
             keyframes: KeyframeEstimate, not empty.
-            stamp_offset_s: what to add to an image's stamp to have it on the clock of the poses.
+            offset_ns: what to add to an image's stamp to have it on the clock of the poses.
             T_base_camera: (4, 4).
         """
-        newest: KeyframeEstimate = max(keyframes, key=lambda keyframe: keyframe.stamp_s)
-        at_s = newest.stamp_s + stamp_offset_s
-        if not self._poses or not np.isfinite(self._poses[-1][2]) or at_s < self._poses[0][0]:
+        newest: KeyframeEstimate = max(keyframes, key=lambda keyframe: keyframe.stamp_ns)
+        at_ns = newest.stamp_ns + offset_ns
+        if not self._poses or not np.isfinite(self._poses[-1][2]) or at_ns < self._poses[0][0]:
             return
-        _, pose, scale = min(self._poses, key=lambda known: abs(known[0] - at_s))
+        _, pose, scale = min(self._poses, key=lambda known: abs(known[0] - at_ns))
         S = np.diag([scale, scale, scale, 1.0])
         M = planar.lift(pose) @ T_base_camera @ S @ se3.inverse(newest.T_world_camera)  # VO world -> odom
-        self._placed = (stamp.to_sec(), M)
+        self._placed = (stamp_ns_of(stamp), M)
         if self._keyframes.get_num_connections() > 0:
             header = Header(stamp=stamp, frame_id=self._odom_frame)
             self._keyframes.publish(PoseArray(header, [_pose(M @ k.T_world_camera, scale) for k in keyframes]))
@@ -75,7 +76,7 @@ class MetricMap:
 
     def _on_points(self, message: PointCloud2) -> None:
         placed = self._placed
-        if placed is None or abs(placed[0] - message.header.stamp.to_sec()) > 1.0:
+        if placed is None or abs(placed[0] - stamp_ns_of(message.header.stamp)) > LONGEST_GAP_NS:
             return
         table = np.frombuffer(message.data, np.float32).reshape(-1, 4).copy()
         table[:, :3] = table[:, :3] @ placed[1][:3, :3].T + placed[1][:3, 3]

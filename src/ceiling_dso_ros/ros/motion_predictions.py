@@ -7,9 +7,8 @@ import rospy
 
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import MotionPrediction
-from ceiling_dso_ros.ros.conversions import matrix_from_pose
+from ceiling_dso_ros.ros.conversions import matrix_from_pose, stamp_ns_of
 
 LONGEST_STRETCH = 3.0  # a prediction is taken to go on like that for so many times its own length
 
@@ -25,21 +24,22 @@ class MotionPredictions:
         """Take in a message."""
         self._newest = message
 
-    def between(self, start: rospy.Time, end: rospy.Time, segment: int) -> Optional[CameraMotion]:
-        """Motion of the camera between two images, in the unit of a segment; None when nothing is known."""
+    def between(self, start_ns: int, end_ns: int, segment: int) -> Optional[CameraMotion]:
+        """Motion of the camera between the stamps of two images, in the unit of a segment; None when nothing is known."""
         message = self._newest
-        if message is None or message.start != start or message.segment != segment:
+        if message is None or stamp_ns_of(message.start) != start_ns or message.segment != segment:
             return None
-        return stretched(message, seconds(end.to_nsec()))
+        return stretched(message, end_ns)
 
 
-def stretched(message: MotionPrediction, end_s: float) -> Optional[CameraMotion]:
+def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
     """The predicted motion up to another end, with constant velocity; None for garbage or an end too far away.
 
     Its error grows likewise, as that of a velocity does.
     """
-    start_s, predicted_s = seconds(message.start.to_nsec()), seconds(message.header.stamp.to_nsec())
-    if not start_s < predicted_s or not 0.0 < end_s - start_s <= LONGEST_STRETCH * (predicted_s - start_s):
+    start_ns = stamp_ns_of(message.start)
+    predicted_ns, wanted_ns = stamp_ns_of(message.header.stamp) - start_ns, end_ns - start_ns
+    if predicted_ns <= 0 or not 0 < wanted_ns <= LONGEST_STRETCH * predicted_ns:
         return None
     try:
         T_start_predicted = matrix_from_pose(message.motion)
@@ -48,5 +48,5 @@ def stretched(message: MotionPrediction, end_s: float) -> Optional[CameraMotion]
     covariance = np.reshape(message.covariance, (6, 6))
     if not np.isfinite(covariance).all():
         return None
-    stretch = (end_s - start_s) / (predicted_s - start_s)
+    stretch = wanted_ns / predicted_ns
     return CameraMotion(se3.exp(stretch * se3.log(T_start_predicted)), stretch**2 * covariance)

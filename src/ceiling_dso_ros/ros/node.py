@@ -25,3 +25,8 @@ def run_node(name: str, make_server: Callable) -> int:
             rospy.logfatal("%s", error)
         return 2
     return 0
+
+
+def time_is_simulated() -> bool:
+    """Whether the nodes live in the time of a bag or a simulation, which may begin again."""
+    return bool(rospy.get_param("/use_sim_time", False))

@@ -29,7 +29,7 @@ class OdometryPublisher:
         self._odometry = rospy.Publisher("visual_odometry/odometry", Odometry, queue_size=10)
         self._pose = rospy.Publisher("visual_odometry/pose", PoseStamped, queue_size=10)
         self._path = PathPublisher("visual_odometry/path")
-        self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=50, tcp_nodelay=True)
+        self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=50, latch=True)
         self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=50, tcp_nodelay=True)
         self.reset()
         self._reconfigure_server = Server(DsoConfig, self._reconfigure)

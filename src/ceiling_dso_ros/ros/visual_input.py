@@ -1,90 +1,60 @@
-"""The visual odometry's messages as the values that they were made from."""
+"""The visual odometry's messages as the values that they were made from, on the fusion's clock."""
 
-from collections import deque
-from dataclasses import replace
-from typing import Deque, List, NamedTuple, Optional, Tuple
+from typing import List, Optional
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
-from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose
+from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose, stamp_ns_of
+from ceiling_dso_ros.ros.data_clock import DataClock
 
 STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
-Window = Tuple[KeyframeEstimate, ...]
-LONGEST_WAIT = 10  # statuses, for keyframes that were sent before this node listened
 
 
-class _Waiting(NamedTuple):
-    status: OdometryStatus
-    window_changed: bool  # its keyframes come by the other connection
+def status_from_message(message: VisualOdometryStatus, clock: DataClock) -> Optional[OdometryStatus]:
+    """What the fusion needs of an image; None for one that the odometry did not use, which tells nothing.
 
-
-class VisualInput:
-    """Brings statuses and keyframes, which arrive over two connections, back together and in order."""
-
-    def __init__(self) -> None:
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget what is waiting."""
-        self._statuses: Deque[_Waiting] = deque()
-        self._windows: Deque[Tuple[float, Window]] = deque(maxlen=2 * LONGEST_WAIT)
-
-    def add_status(self, message: VisualOdometryStatus) -> List[OdometryStatus]:
-        """Take in a status; returns what is complete now.
-
-        Raises:
-            ValueError: its pose is none.
-        """
-        self._statuses.append(_Waiting(_status(message), message.window_changed))
-        return self._complete()
-
-    def add_keyframes(self, message: Keyframes) -> List[OdometryStatus]:
-        """Take in keyframes; returns what is complete now.
-
-        Raises:
-            ValueError: one of the poses is none.
-        """
-        window = tuple(_keyframe(keyframe) for keyframe in message.keyframes)
-        self._windows.append((seconds(message.header.stamp.to_nsec()), window))
-        return self._complete()
-
-    def _complete(self) -> List[OdometryStatus]:
-        complete = []
-        while self._statuses:
-            window = self._window_of(self._statuses[0])
-            if window is None and len(self._statuses) <= LONGEST_WAIT:
-                break
-            complete.append(replace(self._statuses.popleft().status, keyframes=window or ()))
-        return complete
-
-    def _window_of(self, waiting: _Waiting) -> Optional[Window]:
-        """None when it is still to come."""
-        if not waiting.window_changed:
-            return ()
-        return next((window for stamp_s, window in self._windows if stamp_s == waiting.status.stamp_s), None)
-
-
-def _status(message: VisualOdometryStatus) -> OdometryStatus:
-    """What the fusion needs of an image but the keyframes."""
+    Raises:
+        ValueError: a pose is none, or there are several.
+    """
+    if len(message.pose) > 1:
+        raise ValueError(f"{len(message.pose)} poses of one image")
     state = STATE_OF_NUMBER.get(message.state, TrackingState.INITIALIZING)
     tracked = state is TrackingState.TRACKING
+    if tracked != bool(message.pose):
+        return None
     return OdometryStatus(
-        stamp_s=seconds(message.header.stamp.to_nsec()),
+        stamp_ns=clock.inner_ns(stamp_ns_of(message.header.stamp)),
         state=state,
         segment=message.segment,
         is_keyframe=message.is_keyframe,
-        keyframe_id=message.keyframe_id,
-        T_keyframe_camera=matrix_from_pose(message.pose_in_keyframe) if tracked else None,
+        keyframe_id=message.pose[0].keyframe_id if tracked else -1,
+        T_keyframe_camera=matrix_from_pose(message.pose[0].pose) if tracked else None,
+        keyframes=_keyframes(message.keyframes, clock),
         rmse=message.rmse,
         message=message.message,
     )
 
 
-def _keyframe(message: Keyframe) -> KeyframeEstimate:
+def window_from_message(message: Keyframes, clock: DataClock) -> OdometryStatus:
+    """The window alone, without a pose of an image.
+
+    Raises:
+        ValueError: a pose is none.
+    """
+    keyframes = _keyframes(message.keyframes, clock)
+    stamp_ns = clock.inner_ns(stamp_ns_of(message.header.stamp))
+    segment = keyframes[-1].segment if keyframes else 0
+    return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, segment, keyframes=keyframes)
+
+
+def _keyframes(messages: List[Keyframe], clock: DataClock) -> tuple:
+    return tuple(_keyframe(message, clock) for message in messages)
+
+
+def _keyframe(message: Keyframe, clock: DataClock) -> KeyframeEstimate:
     return KeyframeEstimate(
         keyframe_id=message.id,
-        stamp_s=seconds(message.stamp.to_nsec()),
+        stamp_ns=clock.inner_ns(stamp_ns_of(message.stamp)),
         segment=message.segment,
         T_world_camera=matrix_from_pose(message.pose),
         affine=(message.affine_a, message.affine_b),

@@ -1,7 +1,7 @@
 """The server behind wheel_odometry_node: encoders in, dead reckoning out."""
 
 import threading
-from typing import List, Optional
+from typing import Optional
 
 import numpy as np
 import rospy
@@ -13,16 +13,17 @@ from std_msgs.msg import Header, Int32
 
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
-from ceiling_dso_ros.io.stamps import seconds
 from ceiling_dso_ros.io.tick_pairs import TickPairs
+from ceiling_dso_ros.io.wheel_joints import WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
-from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
+from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time, stamp_ns_of
+from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
+from ceiling_dso_ros.ros.node import time_is_simulated
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import read_robot
 from ceiling_dso_ros.ros.services import offer_trigger
 
 QUEUE_SIZE = 200  # samples; every one counts
-BACKWARDS_S = 0.5  # time that goes back further is another run; less are samples out of order
 
 
 class WheelServer:
@@ -60,13 +61,14 @@ class WheelServer:
         self._odometry = WheelOdometry(read_robot().model, parameters.settings(FusionConfig).wheels)
         self._odom_frame = parameters.frame("odom_frame", "odom")
         self._base_frame = parameters.frame("base_frame", "base_link")
-        self._left_joint, self._right_joint = parameters.joint_names()
+        self._joints = WheelJoints(*parameters.joint_names())
         source = parameters.choice("input", "joint_states", ("joint_states", "ticks"))
         broadcast = parameters.flag("publish_tf", False)
         self._samples = diagnostics.Stream(parameters.number("silence", 0.5, 0.1, 60.0))
 
         self._lock = threading.Lock()
-        self._last_s = -np.inf
+        self._begins_again = time_is_simulated()
+        self._clock = DataClock()
         self._broadcaster = tf2_ros.TransformBroadcaster() if broadcast else None
         self._publisher = rospy.Publisher("wheel/odometry", Odometry, queue_size=QUEUE_SIZE, tcp_nodelay=True)
         offer_trigger("~reset", self._reset)
@@ -89,32 +91,37 @@ class WheelServer:
         rospy.Subscriber(topic, kind, callback, queue_size=QUEUE_SIZE, tcp_nodelay=True)
 
     def _on_joint_states(self, message: JointState) -> None:
-        left, right = _angles(message, "left", self._left_joint), _angles(message, "right", self._right_joint)
-        stamp_s = seconds(message.header.stamp.to_nsec())
+        angles_rad = self._joints.angles_rad(message.name, message.position)
+        stamp_ns = stamp_ns_of(message.header.stamp)
         with self._lock:
-            if stamp_s == 0.0:
+            if stamp_ns == 0:
                 self._samples.complain("a message without a stamp")
-            elif len(left) == len(right) == 1:
-                self._begin_sample(stamp_s)
-                self._take_in(self._odometry.add_angles(stamp_s, *left, *right))
+            elif angles_rad is not None:
+                self._take_in(self._odometry.add_angles(self._begin_sample(stamp_ns), *angles_rad))
             elif not self._samples.received or self._samples.silent:  # other joints may well share the topic
                 self._samples.complain("no left and right wheel in it; set ~left_joint and ~right_joint")
 
     def _on_ticks(self, side: str, message: Int32) -> None:
         with self._lock:
-            counters = self._pairs.add(side, rospy.get_time(), message.data)
+            counters = self._pairs.add(side, stamp_ns_of(rospy.Time.now()), message.data)
             if counters is not None:
-                self._begin_sample(counters.stamp_s)
-                self._take_in(self._odometry.add_ticks(*counters))
+                stamp_ns = self._begin_sample(counters.stamp_ns)
+                self._take_in(self._odometry.add_ticks(stamp_ns, counters.left, counters.right))
 
-    def _begin_sample(self, stamp_s: float) -> None:
-        """Count a sample, and start anew when time goes backwards, as it does when a bag is played again."""
+    def _begin_sample(self, stamp_ns: int) -> int:
+        """Count a sample, and start anew when a bag is played again; returns its time on the inner clock."""
         self._samples.heard()
-        if stamp_s < self._last_s - BACKWARDS_S:
-            rospy.logwarn(f"time went backwards by {self._last_s - stamp_s:.3f} s: starting anew")
-            self._odometry.reset()
-            self._last_s = -np.inf
-        self._last_s = max(self._last_s, stamp_s)
+        if self._clock.take(stamp_ns) is StampKind.BACK:
+            went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
+            if self._begins_again:
+                rospy.logwarn(f"{went_back}: starting anew")
+                self._odometry.reset()
+                self._clock.reset()
+                self._clock.take(stamp_ns)
+            else:
+                rospy.logwarn(f"{went_back}: the clock was set back, the pose stays")
+                self._clock.set_back(stamp_ns)
+        return self._clock.inner_ns(stamp_ns)
 
     def _take_in(self, step: Optional[WheelStep]) -> None:
         if self._odometry.message:
@@ -123,14 +130,14 @@ class WheelServer:
         total, noise = self._odometry.total, self._odometry.noise
         if step is not None:
             along = np.ix_((0, 2), (0, 2))
-            covariance = (noise.white(step) + noise.resolution)[along] / (step.end_s - step.start_s) ** 2
+            covariance = (noise.white(step) + noise.resolution)[along] / step.duration_s**2
             self._publish(total, step.rate[::2], covariance)
-        elif total is not None and total.start_s == total.end_s == self._last_s:  # the origin
+        elif total is not None and total.start_ns == total.end_ns == self._clock.last_ns:  # the origin
             self._publish(total, np.zeros(2), UNKNOWN_VARIANCE * np.eye(2))
 
     def _publish(self, total: WheelMotion, twist: np.ndarray, twist_covariance: np.ndarray) -> None:
         """Publish the motion so far and (2,) forward speed and yaw rate with (2, 2) covariance."""
-        header = Header(stamp=ros_time(total.end_s), frame_id=self._odom_frame)
+        header = Header(stamp=ros_time(self._clock.stamp_ns(total.end_ns)), frame_id=self._odom_frame)
         covariance = self._odometry.covariance_odom
         self._publisher.publish(
             planar_odometry(header, self._base_frame, total.pose, covariance, twist, twist_covariance)
@@ -147,9 +154,3 @@ class WheelServer:
         status.summary(diagnostics.OK, "integrating")
         self._samples.judge(status, self._name)
         return status
-
-
-def _angles(message: JointState, side: str, joint: str) -> List[float]:
-    """Angles of the joints of that name, or when there is no name of those that contain the side."""
-    named = zip(message.name, message.position)
-    return [angle for name, angle in named if (name == joint if joint else side in name)]

@@ -27,9 +27,9 @@ class FakeMapper:
         self.traced.append(frame)
 
     def add_keyframe(self, frame, timer):
-        if frame.stamp_s == self.fails_at:
+        if frame.stamp_ns == self.fails_at:
             raise TrackingLostError("no solution")
-        return f"map of {frame.stamp_s}"
+        return f"map of {frame.stamp_ns}"
 
 
 class FakePool:
@@ -102,7 +102,7 @@ def test_a_mapping_far_behind_is_given_keyframes_only():
     mapping.hand_over(frame(99), 0, np.eye(4), is_keyframe=True)
     mapper.go_on.set()
     scheduler.wait()
-    assert [traced.stamp_s for traced in mapper.traced] == [*range(MAX_BACKLOG), 99]
+    assert [traced.stamp_ns for traced in mapper.traced] == [*range(MAX_BACKLOG), 99]
     mapping.take_in(StageTimer())
     assert mapping.map == "map of 99"
     scheduler.close()

@@ -46,7 +46,7 @@ def test_a_map_begins_with_the_first_frame_and_the_pose_that_it_was_given():
             break
         assert session.start.message == "waiting for parallax"
         assert session.free_slots() == SLOTS - 1  # the first frame's is kept, and no other
-    assert frames.first.stamp_s == 0
+    assert frames.first.stamp_ns == 0
     np.testing.assert_array_equal(frames.first.T_camera_world, START)
     direction = frames.first_map.T_frame_first[:3, 3] / np.linalg.norm(frames.first_map.T_frame_first[:3, 3])
     assert direction @ STEP[:3] > 0.99 * np.linalg.norm(STEP[:3])

@@ -18,7 +18,7 @@ def reference(keyframe_id, T_camera_world):
 
 
 def frame(T_camera_world, affine=(0.0, 0.0)):
-    return Frame(0.0, 1.0, 0, T_camera_world, np.array(affine))
+    return Frame(0, 1.0, 0, T_camera_world, np.array(affine))
 
 
 def poses(known):
