@@ -13,10 +13,11 @@ import rostest
 from dso_node_player import Player, compressed_message, wait_until
 from dynamic_reconfigure.client import Client
 from sensor_msgs.msg import CompressedImage
+from std_srvs.srv import Trigger
 
 from ceiling_dso_ros.dso import DirectOdometry, PinholeCamera, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed
-from ceiling_dso_ros.io.stamps import parse_stamp_ns, seconds
+from ceiling_dso_ros.io.stamps import parse_stamp_ns
 from ceiling_dso_ros.msg import VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import pose_from_matrix
 
@@ -60,7 +61,7 @@ class DsoNodeCeiling(unittest.TestCase):
     def test_every_pose_is_that_of_the_odometry(self):
         odometry = DirectOdometry(CAMERA)
         statuses = [
-            odometry.track(decode_compressed(jpeg).astype(np.float32), seconds(stamp_ns), exposure_ms)
+            odometry.track(decode_compressed(jpeg).astype(np.float32), stamp_ns, exposure_ms)
             for jpeg, stamp_ns, exposure_ms in self.frames
         ]
         expected = [status for status in statuses if status.state is TrackingState.TRACKING]
@@ -94,6 +95,15 @@ class DsoNodeCeiling(unittest.TestCase):
         newest = [message.keyframes[-1].id for message in self.player.keyframes]
         self.assertGreater(len(newest), 1)
         self.assertEqual(newest, sorted(newest))
+        with_window = {status.header.stamp: list(status.keyframes) for status in self.statuses if status.keyframes}
+        self.assertEqual(
+            {message.header.stamp: list(message.keyframes) for message in self.player.keyframes}, with_window
+        )
+
+    def test_keyframes_carry_the_very_stamps_of_their_images(self):
+        stamps_ns = {keyframe.stamp.to_nsec() for message in self.player.keyframes for keyframe in message.keyframes}
+        self.assertLessEqual(stamps_ns, {stamp_ns for _, stamp_ns, _ in self.frames})
+        self.assertTrue(all(len(status.pose) == (status in self.tracked) for status in self.statuses))
 
     def test_path_holds_the_newest_poses(self):
         path = self.player.paths[-1]
@@ -102,7 +112,9 @@ class DsoNodeCeiling(unittest.TestCase):
         self.assertEqual([pose.header.stamp for pose in path.poses], stamps[: len(path.poses)])
 
     def test_z_plays_the_recording_again(self):
-        """Time goes backwards: the odometry starts anew; settings change while the node runs."""
+        """After a reset it gives the same again; settings change while the node runs."""
+        rospy.wait_for_service("dso_node/reset", 30.0)
+        self.assertTrue(rospy.ServiceProxy("dso_node/reset", Trigger)().success)
         Client("dso_node").update_configuration({"path_length": 10, "path_period": 0.0})
         again = [self.play(index) for index in range(FRAMES)]
         self.assertEqual([status.state for status in again], [status.state for status in self.statuses])

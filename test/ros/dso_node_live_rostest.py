@@ -16,12 +16,15 @@ import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
 from fake_camera import CAMERA, FakeCamera
 from fake_robot import Listener, end_node, wait_until
+from geometry_msgs.msg import PoseStamped
+from message_filters import Subscriber, TimeSynchronizer
+from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from ceiling_dso_ros.io.trajectory import read_tum
-from ceiling_dso_ros.msg import VisualOdometryStatus
+from ceiling_dso_ros.msg import Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.srv import SaveTrajectory
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -161,14 +164,44 @@ class DsoNodeLive(unittest.TestCase):
             self.camera.pixels = None
         self.listener.wait_for_level("dso_node", OK)
 
-    def test_time_that_goes_backwards(self):
-        first = len(self.statuses)
+    def test_a_clock_that_is_set_back_loses_nothing(self):
+        first, lost = len(self.statuses), [VisualOdometryStatus.LOST, VisualOdometryStatus.INITIALIZING]
+        segment = self.statuses[-1].segment
         self.camera.shift_ns -= 100 * 10**9
-        wait_until(
-            lambda: any(s.state == VisualOdometryStatus.INITIALIZING for s in self.statuses[first:]), "nobody notices"
-        )
-        self.assertEqual({s.segment for s in self.statuses[-1:]}, {0})
+        wait_until(lambda: len(self.statuses) >= first + 30, "no images")
+        after = self.statuses[first:]
+        steps_s = np.diff([status.header.stamp.to_sec() for status in after])
+        self.assertLess(steps_s.min(), -90.0)  # the stamps are those of the images
+        self.assertFalse([status.message for status in after if status.state in lost])
+        self.assertEqual({status.segment for status in after}, {segment})
         self.listener.wait_for_level("dso_node", OK)
+
+    def test_all_that_is_said_of_an_image_has_its_very_stamp(self):
+        """ExactTime puts it together."""
+        of_image = {"camera/up/image_raw": Image, "visual_odometry/status": VisualOdometryStatus}
+        of_pose = {"visual_odometry/odometry": Odometry, "visual_odometry/pose": PoseStamped}
+        first = len(self.statuses)
+        poses, windows = [], []
+        for others, together in ((of_pose, poses), ({"visual_odometry/keyframes": Keyframes}, windows)):
+            inputs = [Subscriber(topic, kind, queue_size=100) for topic, kind in {**of_image, **others}.items()]
+            TimeSynchronizer(inputs, 100).registerCallback(lambda *messages, t=together: t.append(messages))
+        wait_until(lambda: len(poses) >= 30 and len(windows) >= 3, lambda: f"{len(poses)} and {len(windows)} fit")
+        wait_until(lambda: self.statuses[-1].header.stamp > poses[29][0].header.stamp, "no status")
+        statuses = [status for status in self.statuses[first:] if status.pose]
+        stamps = [status.header.stamp for status in statuses]
+        begin = stamps.index(poses[0][0].header.stamp)
+        self.assertEqual([messages[0].header.stamp for messages in poses[:30]], stamps[begin : begin + 30])
+        for _, status, window in windows:
+            self.assertEqual(list(status.keyframes), list(window.keyframes))
+
+    def test_the_newest_window_is_latched(self):
+        self.camera.images = False
+        try:
+            time.sleep(0.5)
+            newest = [status.keyframes for status in self.statuses if status.keyframes][-1]
+            self.assertEqual(list(next_message("visual_odometry/keyframes", Keyframes).keyframes), list(newest))
+        finally:
+            self.camera.images = True
 
     def test_interrupt_ends_the_node_at_once_and_writes_the_trajectories(self):
         with tempfile.TemporaryDirectory() as folder:

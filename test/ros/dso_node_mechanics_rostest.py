@@ -37,6 +37,7 @@ class DsoNodeMechanics(unittest.TestCase):
         status = self.player.play(image)
         self.assertEqual(status.rejected, rejected + 1)
         self.assertIn(complaint, status.message)
+        self.assertEqual((status.state, list(status.pose)), (VisualOdometryStatus.INITIALIZING, []))
         status = self.player.play(self.next_image())
         self.assertEqual(status.rejected, rejected + 1)
         self.assertEqual(status.state, VisualOdometryStatus.INITIALIZING)
@@ -116,12 +117,24 @@ class DsoNodeMechanics(unittest.TestCase):
         self.assertGreater(after.dropped, before.dropped)
         self.assertEqual(processed + after.dropped - before.dropped, len(burst))
 
-    def test_time_that_goes_backwards_starts_anew(self):
+    def test_an_image_that_is_out_of_order_is_dropped_and_nothing_is_forgotten(self):
         self.player.play(self.next_image())
-        type(self).now_ns = START_NS
-        status = self.player.play(self.next_image())
-        self.assertEqual((status.state, status.segment), (VisualOdometryStatus.INITIALIZING, 0))
-        self.assertEqual(status.rejected, self.player.statuses[-2].rejected)
+        late = image_message(PIXELS, self.now_ns - 1_000_000)
+        message = self.player.play(late).message
+        self.assertIn("before that of the last one", message)
+        self.assertNotEqual(self.player.play(self.next_image()).message, "first frame of a segment")
+
+    def test_a_clock_that_is_set_back_is_followed(self):
+        """Only in the time of a bag would that be another run."""
+        self.player.play(self.next_image())
+        rejected = self.player.statuses[-1].rejected
+        type(self).now_ns -= 2 * 10**9
+        for _ in range(2):
+            image = self.next_image()
+            status = self.player.play(image)
+            self.assertEqual(status.header.stamp, image.header.stamp)
+            self.assertNotEqual(status.message, "first frame of a segment")
+        self.assertEqual(status.rejected, rejected)
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ from tf2_msgs.msg import TFMessage
 
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.msg import FusionScale, FusionStatus, Keyframe, Keyframes, VisualOdometryStatus
-from ceiling_dso_ros.ros.conversions import pose_from_matrix
+from ceiling_dso_ros.msg import FusionScale, FusionStatus, Keyframe, Keyframes, RelativePose, VisualOdometryStatus
+from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
 from ceiling_dso_ros.ros.map_publisher import point_cloud
 from ceiling_dso_ros.ros.planar_messages import planar_pose
 
@@ -36,19 +36,19 @@ class FakeRobot:
 
     Attributes:
         wheels, camera: whether they are published.
-        shift_s: what is added to all stamps.
+        shift_ns: what is added to all stamps.
     """
 
     def __init__(self):
         self.wheels = self.camera = True
-        self.shift_s = 0.0
+        self.shift_ns = 0
         self._joints = rospy.Publisher("joint_states", JointState, queue_size=100)
         self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=100)
-        self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=100)
+        self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=100, latch=True)
         self._points = rospy.Publisher("visual_odometry/points", PointCloud2, queue_size=10)
         self._mounts = tf2_ros.StaticTransformBroadcaster()
         self._mounts.sendTransform([mount("camera", np.zeros(3)), mount("laser", LASER_XYZ)])
-        self._begin_s = rospy.get_time()
+        self._begin_ns = rospy.Time.now().to_nsec()
         self._window, self._reference = [], None
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._drive, daemon=True)
@@ -63,40 +63,40 @@ class FakeRobot:
 
     def pose(self, time_s):
         """True (3,) pose of base_link at a time, seen from where it began."""
-        return planar.expmap(np.array([SPEED_M_S, 0.0, TURN_RAD_S]) * (time_s - self._begin_s))
+        return planar.expmap(np.array([SPEED_M_S, 0.0, TURN_RAD_S]) * (time_s - self._begin_ns * 1e-9))
 
     def now_s(self):
         """What the robot would stamp now."""
-        return rospy.get_time() + self.shift_s
+        return rospy.get_time() + self.shift_ns * 1e-9
 
     def joint_state(self, left_rad, right_rad, names=("left_wheel", "right_wheel")):
         """Publish any wheel angles, with the stamp of now."""
         self._joints.publish(
-            JointState(Header(stamp=self._stamp(rospy.get_time())), names, [left_rad, right_rad], [], [])
+            JointState(Header(stamp=self._stamp(rospy.Time.now().to_nsec())), names, [left_rad, right_rad], [], [])
         )
 
-    def _stamp(self, time_s):
-        return rospy.Time.from_sec(time_s + self.shift_s)
+    def _stamp(self, time_ns):
+        return ros_time(time_ns + self.shift_ns)
 
     def _drive(self):
         for tick in range(10**9):
-            due_s = self._begin_s + tick / WHEEL_HZ
-            if self._end.wait(max(0.0, due_s - rospy.get_time())):
+            driven_s = tick / WHEEL_HZ
+            due_ns = self._begin_ns + tick * (10**9 // WHEEL_HZ)
+            if self._end.wait(max(0.0, due_ns * 1e-9 - rospy.get_time())):
                 return
-            driven_s = due_s - self._begin_s
             if self.wheels:
                 way, turn = SPEED_M_S * driven_s, 0.5 * BASE_M * TURN_RAD_S * driven_s
                 angles = [(way - turn) / RADIUS_M, (way + turn) / RADIUS_M]
-                joints = JointState(Header(stamp=self._stamp(due_s)), ["left_wheel", "right_wheel"], angles, [], [])
+                joints = JointState(Header(stamp=self._stamp(due_ns)), ["left_wheel", "right_wheel"], angles, [], [])
                 self._joints.publish(joints)
             if self.camera and tick % (WHEEL_HZ // CAMERA_HZ) == 0:
-                self._see(tick // (WHEEL_HZ // CAMERA_HZ), due_s)
+                self._see(tick // (WHEEL_HZ // CAMERA_HZ), due_ns)
 
-    def _see(self, frame, due_s):
+    def _see(self, frame, due_ns):
         """Status and keyframes of an image."""
-        T = planar.lift(self.pose(due_s))
+        T = planar.lift(self.pose(due_ns * 1e-9))
         T[:3, 3] /= SCALE_M
-        header = Header(stamp=self._stamp(due_s), frame_id="vo")
+        header = Header(stamp=self._stamp(due_ns), frame_id="vo")
         is_keyframe = frame % FRAMES_PER_KEYFRAME == 0
         if is_keyframe:
             self._reference = (frame // FRAMES_PER_KEYFRAME, T)
@@ -111,9 +111,8 @@ class FakeRobot:
                     header=header,
                     state=VisualOdometryStatus.TRACKING,
                     is_keyframe=is_keyframe,
-                    window_changed=is_keyframe,
-                    keyframe_id=self._reference[0],
-                    pose_in_keyframe=pose_from_matrix(np.linalg.inv(self._reference[1]) @ T),
+                    pose=[RelativePose(self._reference[0], pose_from_matrix(np.linalg.inv(self._reference[1]) @ T))],
+                    keyframes=self._window if is_keyframe else [],
                     camera_frame_id="camera",
                 )
             )

@@ -27,15 +27,16 @@ from fake_robot import (
     wait_until,
     xy_yaw,
 )
-from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, TransformStamped
+from message_filters import Subscriber, TimeSynchronizer
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.io.trajectory import read_tum
-from ceiling_dso_ros.msg import FusionStatus, MotionPrediction, VisualOdometryStatus
+from ceiling_dso_ros.msg import FusionScale, FusionStatus, MotionPrediction, RelativePose, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import matrix_from_pose, matrix_from_transform
 from ceiling_dso_ros.srv import SaveTrajectory, SetPose
 
@@ -224,13 +225,18 @@ class Fusion(unittest.TestCase):
     def test_garbage_in_the_visual_odometry(self):
         publisher = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=10)
         wait_until(lambda: publisher.get_num_connections() >= 1, "nobody listens")
-        status = VisualOdometryStatus(header=Header(stamp=rospy.Time.now(), frame_id="vo"), state=2, keyframe_id=10**6)
+        pose = RelativePose(10**6, Pose())
+        status = VisualOdometryStatus(header=Header(stamp=rospy.Time.now(), frame_id="vo"), state=2, pose=[pose])
         publisher.publish(status)  # a pose of zeros
         self.listener.wait_for_level("fusion_node", WARN)
         self.assertIn("quaternion", self.listener.diagnostics["fusion_node"].message)
-        status.pose_in_keyframe.orientation.w = 1.0
+        pose.pose.orientation.w = 1.0
         publisher.publish(status)  # relative to a keyframe that does not exist
-        status.pose_in_keyframe.orientation.w = float("nan")
+        pose.pose.orientation.w = float("nan")
+        publisher.publish(status)
+        status.pose = [pose, pose]
+        publisher.publish(status)
+        status.pose = []  # of an image that the odometry did not use
         publisher.publish(status)
         status.state = 77
         publisher.publish(status)
@@ -274,16 +280,47 @@ class Fusion(unittest.TestCase):
         self.assertFalse(answer.success)
         self.assertIn("/proc/nowhere", answer.message)
 
-    def test_time_that_goes_backwards_starts_anew(self):
-        self.drive_away(self.listener.poses)
-        first, resets = len(self.listener.poses), self.listener.statuses[-1].resets
-        self.robot.shift_s -= 100.0
-        wait_until(lambda: self.listener.statuses[-1].resets == resets + 1, "no reset")
-        self.listener.wait_for_jump(self.listener.poses, first, [0.0, 0.0], 0.5)
+    def test_a_clock_that_is_set_back_does_not_move_the_pose(self):
+        """Nor does one that is set forward again: this robot does not live in the time of a bag."""
+        resets = self.listener.statuses[-1].resets
+        for shift_ns in (-1_000_000_000, -100_000_000_000, 100_000_000_000, 1_000_000_000):
+            first, before = len(self.listener.poses), self.robot.now_s()
+            self.robot.shift_ns += shift_ns
+            self.listener.wait_for_poses(75)
+            poses = self.listener.poses[first:]
+            steps = [planar.between(xy_yaw(a), xy_yaw(b)) for a, b in zip(poses, poses[1:])]
+            self.assertLess(np.abs(steps).max(), 0.1)
+            elapsed_s = np.diff([message.header.stamp.to_sec() for message in poses])
+            self.assertAlmostEqual(elapsed_s[np.argmax(np.abs(elapsed_s))], shift_ns * 1e-9, delta=0.5)
+            self.assertAlmostEqual(poses[-1].header.stamp.to_sec(), before + shift_ns * 1e-9, delta=5.0)
+            self.listener.wait_for_level("fusion_node", OK)
+        self.assertEqual(self.listener.statuses[-1].resets, resets)
         self.listener.wait_for_scale(self.robot)
-        self.assertEqual(self.listener.statuses[-1].resets, resets + 1)
-        self.robot.shift_s += 100.0
-        self.listener.wait_for_poses(50)
+
+    def test_outputs_carry_the_very_stamp_of_the_wheel_sample(self):
+        """ExactTime puts all of a sample together, and tf has a transform of that very time."""
+        topics = {
+            "joint_states": JointState,
+            "wheel/odometry": Odometry,
+            "odometry/filtered": Odometry,
+            "fusion/status": FusionStatus,
+            "fusion/scale": FusionScale,
+        }
+        inputs = [Subscriber(topic, kind, queue_size=500) for topic, kind in topics.items()]
+        together, samples = [], []
+        inputs[0].registerCallback(samples.append)
+        TimeSynchronizer(inputs, 500).registerCallback(lambda *messages: together.append(messages))
+        wait_until(lambda: len(together) >= 150, "nothing fits together")
+        stamps = [messages[0].header.stamp.to_nsec() for messages in together]
+        expected = [message.header.stamp.to_nsec() for message in samples]
+        first = expected.index(stamps[0])
+        self.assertEqual(stamps[:150], expected[first : first + 150])
+        self.assertTrue(any(stamp_ns % 1000 for stamp_ns in stamps))
+        for messages in together[-20:]:
+            stamp = messages[2].header.stamp
+            found = self.listener.buffer.lookup_transform("odom", "base_link", stamp, rospy.Duration(1.0))
+            self.assertEqual(found.header.stamp, stamp)
+            self.assertEqual(found.transform.translation.x, messages[2].pose.pose.position.x)
 
     def test_y_restart_of_each_node(self):
         for node in ("wheel_odometry_node", "fusion_node"):

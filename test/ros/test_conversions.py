@@ -8,7 +8,6 @@ from sensor_msgs.msg import Image  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState  # noqa: E402
-from ceiling_dso_ros.io.stamps import seconds  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
 from ceiling_dso_ros.ros import conversions  # noqa: E402
 
@@ -58,18 +57,28 @@ def test_odometry_message():
 
 @pytest.mark.parametrize("state", TrackingState)
 def test_status_message_has_every_state(state):
-    status = OdometryStatus(1.0, state, 3, message="words", active_points=5, candidate_points=7, rmse=2.5)
+    status = OdometryStatus(10**9, state, 3, message="words", active_points=5, candidate_points=7, rmse=2.5)
     message = conversions.status_message(Header(), status)
     assert message.state == getattr(VisualOdometryStatus, state.name)
-    assert (message.segment, message.message, message.keyframe_id) == (3, "words", -1)
+    assert (message.segment, message.message, message.pose, message.keyframes) == (3, "words", [], [])
     assert (message.active_points, message.candidate_points, message.rmse) == (5, 7, 2.5)
+
+
+def test_an_image_that_is_not_used_leaves_the_state_as_it_was_and_has_no_pose():
+    T = transform(0.1, [1.0, 2.0, 3.0])
+    tracked = OdometryStatus(10**9, TrackingState.TRACKING, 3, T, keyframe_id=4, T_keyframe_camera=T, active_points=5)
+    last = conversions.status_message(Header(), tracked)
+    assert [(pose.keyframe_id, pose.pose.position.x) for pose in last.pose] == [(4, 1.0)]
+    message = conversions.no_pose_message(Header(), last, "torn")
+    assert (message.state, message.segment, message.active_points) == (VisualOdometryStatus.TRACKING, 3, 5)
+    assert (message.message, message.pose, message.keyframes) == ("torn", [], [])
 
 
 def test_keyframes_message_keeps_stamps_and_poses():
     stamp_ns = 1_700_000_001_030_042_123
-    keyframe = KeyframeEstimate(4, seconds(stamp_ns), 1, transform(0.1, [1.0, 2.0, 3.0]), (0.5, -2.0), True)
+    keyframe = KeyframeEstimate(4, stamp_ns, 1, transform(0.1, [1.0, 2.0, 3.0]), (0.5, -2.0), True)
     (message,) = conversions.keyframes_message(Header(), (keyframe,)).keyframes
-    assert seconds(message.stamp.to_nsec()) == keyframe.stamp_s
+    assert message.stamp.to_nsec() == conversions.stamp_ns_of(message.stamp) == stamp_ns
     assert (message.id, message.segment, message.leaves) == (4, 1, True)
     assert (message.affine_a, message.affine_b, message.pose.position.x) == (0.5, -2.0, 1.0)
 

@@ -7,10 +7,12 @@ pytestmark = pytest.mark.ros
 from std_msgs.msg import Header  # noqa: E402
 
 from ceiling_dso_ros.dso import se3  # noqa: E402
+from ceiling_dso_ros.fusion.durations import nanoseconds  # noqa: E402
 from ceiling_dso_ros.msg import MotionPrediction  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
 from ceiling_dso_ros.ros.motion_predictions import stretched  # noqa: E402
 
+START_NS = 1_732_800_000_123_456_789
 TWIST = np.array([0.5, -0.1, 0.05, 0.01, 0.02, 0.3])  # a second
 COVARIANCE = np.diag([4e-4, 1e-4, 1e-6, 1e-6, 1e-6, 4e-4]).ravel().tolist()
 
@@ -18,28 +20,31 @@ COVARIANCE = np.diag([4e-4, 1e-4, 1e-6, 1e-6, 1e-6, 4e-4]).ravel().tolist()
 def prediction(seconds=0.02):
     motion = pose_from_matrix(se3.exp(seconds * TWIST))
     return MotionPrediction(
-        header=Header(stamp=ros_time(100.0 + seconds)), start=ros_time(100.0), motion=motion, covariance=COVARIANCE
+        header=Header(stamp=ros_time(START_NS + nanoseconds(seconds))),
+        start=ros_time(START_NS),
+        motion=motion,
+        covariance=COVARIANCE,
     )
 
 
 @pytest.mark.parametrize("seconds", [0.01, 0.02, 0.05])
 def test_velocity_stays_the_same(seconds):
-    motion = stretched(prediction(), 100.0 + seconds)
+    motion = stretched(prediction(), START_NS + nanoseconds(seconds))
     np.testing.assert_allclose(motion.T_start_end, se3.exp(seconds * TWIST), atol=1e-8)
     sigma = np.sqrt(np.diag(motion.covariance))
     np.testing.assert_allclose(sigma, seconds / 0.02 * np.array([0.02, 0.01, 1e-3, 1e-3, 1e-3, 0.02]), rtol=1e-6)
 
 
 def test_far_ends_are_not_predicted():
-    assert stretched(prediction(), 100.5) is None
-    assert stretched(prediction(), 99.9) is None
-    assert stretched(prediction(seconds=0.0), 100.01) is None
+    assert stretched(prediction(), START_NS + 500_000_000) is None
+    assert stretched(prediction(), START_NS - 100_000_000) is None
+    assert stretched(prediction(seconds=0.0), START_NS + 10_000_000) is None
 
 
 def test_garbage_is_not_used():
     message = prediction()
     message.motion.position.x = float("nan")
-    assert stretched(message, 100.02) is None
+    assert stretched(message, START_NS + 20_000_000) is None
     message = prediction()
     message.covariance[3] = float("nan")
-    assert stretched(message, 100.02) is None
+    assert stretched(message, START_NS + 20_000_000) is None

@@ -25,7 +25,7 @@ class MotionPredictions:
         self._newest = message
 
     def between(self, start_ns: int, end_ns: int, segment: int) -> Optional[CameraMotion]:
-        """Motion of the camera between the stamps of two images, in the unit of a segment; None when nothing is known."""
+        """Motion of the camera between two images by their stamps, in a segment's unit; None when it is not known."""
         message = self._newest
         if message is None or stamp_ns_of(message.start) != start_ns or message.segment != segment:
             return None
