@@ -1,4 +1,5 @@
 import dataclasses
+import math
 import re
 
 import pytest
@@ -6,7 +7,7 @@ import pytest
 from ceiling_dso_ros.dso import OdometryConfig
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.settings import load_settings, write_settings
+from ceiling_dso_ros.settings import load_settings, merge_settings, plain_values, write_settings
 
 
 def yaml_file(tmp_path, text):
@@ -45,12 +46,22 @@ def test_an_empty_file_changes_nothing(tmp_path):
     [
         ("window.max_keyframes", "--set window.max_keyframes: expected key=value"),
         ("=5", "--set =5: expected key=value"),
-        ("window.frames=5", "unknown setting window.frames; there are max_keyframes"),
-        ("windows.max_keyframes=5", "unknown setting windows; there are window"),
+        (
+            "window.max_keyframe=5",
+            "--set window.max_keyframe=5: window.max_keyframe is unknown; did you mean window.max_keyframes?",
+        ),
+        ("windows.max_keyframes=5", "windows.max_keyframes is unknown; did you mean window.max_keyframes?"),
+        ("max_keyframes=5", "max_keyframes is unknown; did you mean window.max_keyframes?"),
+        ("window.max_keyframes.x=5", "window.max_keyframes.x is unknown; did you mean window.max_keyframes?"),
+        ("xyz=5", "xyz is unknown; there are window, initialization, tracking"),
+        ("tracking.cutoff=off", "tracking.cutoff: Value 'False' of type 'bool'"),
+        ("tracking.cutoff=nan", "tracking.cutoff=nan: not a finite number"),
+        ("initialization.densities=[0.1,.inf]", "initialization.densities=[0.1, inf]: not a finite number"),
+        ("tracking.cutoff=deg(pi)", "deg(pi): expected a number in the parentheses"),
         ("window.max_keyframes=many", "window.max_keyframes: Value 'many'"),
         ("window.max_keyframes=5.5", "window.max_keyframes: Value '5.5'"),
         ("window.max_keyframes=", "window.max_keyframes"),
-        ("window=5", "--set window=5"),
+        ("window=5", "--set window=5: window is a group of values, not one: max_keyframes, min_keyframes"),
         ("window.max_keyframes=[1", "--set window.max_keyframes=[1"),
         ("window.max_keyframes=${nowhere}", "window.max_keyframes"),
         ("window.max_keyframes=1000", "window.max_keyframes=1000: 3 to"),
@@ -68,7 +79,8 @@ def test_wrong_overrides_are_named_in_one_line(override, complaint):
         ("window: [", "not valid yaml"),
         ("- 5", "expected names and values"),
         ("5", "expected names and values"),
-        ("window: {frames: 5}", "unknown setting window.frames"),
+        ("window: {max_frames: 5}", "window.max_frames is unknown; did you mean window.max_keyframes?"),
+        ("5: 3", "5 is unknown; there are window"),
         ("window: {max_keyframes: many}", "window.max_keyframes: Value 'many'"),
         ("window: {max_keyframes: '${'}", "window.max_keyframes"),
     ],
@@ -95,3 +107,40 @@ def test_settings_of_the_fusion(tmp_path):
     assert (config.scale.ceiling_height_m, config.wheels.silence_s) == (6.5, 1.0)
     with pytest.raises(InputError, match=r"wheels\.silence_s"):
         load_settings(yaml_file(tmp_path, "wheels: {silence_s: 100.0}"), kind=FusionConfig)
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (20, 20.0),  # as rosparam and roslaunch give a float without a point
+        ("1e-5", 1e-5),  # a text in YAML 1.1
+        ("deg(90)", math.radians(90)),
+        ("rad(0.5)", 0.5),
+    ],
+)
+def test_what_yaml_and_rosparam_make_of_a_number_is_understood(tmp_path, given, meant):
+    cutoff = merge_settings(OdometryConfig, [("node", {"tracking": {"cutoff": given}})], "node").tracking.cutoff
+    assert isinstance(cutoff, float)
+    assert cutoff == meant
+    assert load_settings(yaml_file(tmp_path, f"tracking: {{cutoff: {given}}}")).tracking.cutoff == meant
+    assert load_settings(None, [f"tracking.cutoff={given}"]).tracking.cutoff == meant
+
+
+@pytest.mark.parametrize("kind", [OdometryConfig, FusionConfig])
+def test_what_the_parameter_server_holds_is_read_back(kind):
+    values = plain_values(kind())
+    assert merge_settings(kind, [("node", values)], "node") == kind()
+    for group in values.values():
+        assert {type(value) for value in group.values()} <= {int, float, bool, str, list}
+
+
+def test_a_list_does_for_a_tuple_and_an_empty_text_for_none():
+    densities = [0.1, 0.2, 0.3, 0.4, 1]
+    config = merge_settings(OdometryConfig, [("node", {"initialization": {"densities": densities}})], "node")
+    assert config.initialization.densities == tuple(densities)
+    known = {"scale": {"ceiling_height_m": 6}}
+    layers = [("file", known), ("node", {"scale": {"ceiling_height_m": ""}})]
+    assert merge_settings(FusionConfig, layers[:1], "node").scale.ceiling_height_m == 6.0
+    assert merge_settings(FusionConfig, layers, "node").scale.ceiling_height_m is None
+    with pytest.raises(InputError, match=r"node: tracking\.cutoff: "):
+        merge_settings(OdometryConfig, [("node", {"tracking": {"cutoff": ""}})], "node")

@@ -1,21 +1,25 @@
-"""Reads and writes settings: defaults, then a yaml file, then `key=value`; for the command line and the nodes."""
+"""Reads and writes settings: defaults, then a yaml file or ROS parameters, then `key=value`; one way for all."""
 
 import dataclasses
+import math
+import re
 from pathlib import Path
-from typing import Any, Optional, Sequence, Type, TypeVar
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
+from omegaconf.errors import OmegaConfBaseException
 
-from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
+from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig, require
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.known_names import require_known
 
 Config = TypeVar("Config")
+ANGLE = re.compile(r"(deg|rad)\(([^()]*)\)")  # as rosparam writes angles
 
 
 def load_settings(path: Optional[Path], overrides: Sequence[str] = (), kind: Type[Config] = OdometryConfig) -> Config:
-    """Merge the settings.
+    """Merge the settings of the command line.
 
     Args:
         path: a yaml file with the nested names of the dataclass, all optional.
@@ -25,25 +29,51 @@ def load_settings(path: Optional[Path], overrides: Sequence[str] = (), kind: Typ
     Raises:
         InputError: unreadable file, unknown name, value of another type or out of range.
     """
+    layers = [] if path is None else [(str(path), _read_yaml(path))]
+    layers += [(f"--set {override}", _read_override(override)) for override in overrides]
+    return merge_settings(kind, layers, "settings")
+
+
+def merge_settings(kind: Type[Config], layers: Sequence[Tuple[str, Mapping]], whole: str) -> Config:
+    """Merge values into the defaults of a dataclass.
+
+    Whole numbers will do for floats, lists for tuples, and texts that are numbers (1e-5 is a text in yaml) or angles such
+    as deg(90) for numbers; an empty text is None where that is the default.
+
+    Args:
+        kind: a dataclass, with dataclasses as its groups, that can be made without arguments and has `check()`.
+        layers: (where they come from, nested values); what comes later counts.
+        whole: names all of them together, for what is out of range.
+
+    Raises:
+        InputError: unknown name, value of another type or out of range, in one line.
+    """
     settings = OmegaConf.structured(kind)
     _make_writable(settings)
-    if path is not None:
-        _merge(settings, _read_yaml(path), str(path))
-    for override in overrides:
-        source = f"--set {override}"
-        if override.find("=") < 1:
-            raise InputError(f"{source}: expected key=value")
+    defaults = default_values(kind)
+    for source, values in layers:
+        require_known(values, defaults, source)
         try:
-            values = OmegaConf.from_dotlist([override])
-        except (OmegaConfBaseException, yaml.YAMLError) as error:
+            settings.merge_with(OmegaConf.create(_understood(values, defaults)))
+        except (OmegaConfBaseException, ConfigError) as error:
             raise InputError(f"{source}: {_describe(error)}") from error
-        _merge(settings, values, source)
     try:
         config = _with_tuples(OmegaConf.to_object(settings))
+        _require_finite(plain_values(config), "")
         config.check()
     except (OmegaConfBaseException, ConfigError) as error:
-        raise InputError(f"settings: {_describe(error)}") from error
+        raise InputError(f"{whole}: {_describe(error)}") from error
     return config
+
+
+def default_values(kind: type) -> Dict[str, Any]:
+    """The nested names of a dataclass with their defaults."""
+    return dataclasses.asdict(kind())
+
+
+def plain_values(config: Any) -> Dict[str, Any]:  # noqa: ANN401
+    """All values of a dataclass as `merge_settings` takes them, of types that the parameter server knows."""
+    return _plain(dataclasses.asdict(config))
 
 
 def write_settings(path: Path, config: object) -> None:
@@ -55,7 +85,7 @@ def write_settings(path: Path, config: object) -> None:
     path.write_text(OmegaConf.to_yaml(OmegaConf.structured(config)))
 
 
-def _read_yaml(path: Path) -> DictConfig:
+def _read_yaml(path: Path) -> Mapping:
     try:
         values = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
@@ -64,21 +94,49 @@ def _read_yaml(path: Path) -> DictConfig:
         raise InputError(f"{path}: not valid yaml: {' '.join(str(error).split())}") from error
     if not isinstance(values, (dict, type(None))):
         raise InputError(f"{path}: expected names and values, such as 'window: {{max_keyframes: 5}}'")
-    try:
-        return OmegaConf.create(values or {})
-    except OmegaConfBaseException as error:
-        raise InputError(f"{path}: {_describe(error)}") from error
+    return values or {}
 
 
-def _merge(settings: DictConfig, values: DictConfig, source: str) -> None:
+def _read_override(override: str) -> Mapping:
+    if override.find("=") < 1:
+        raise InputError(f"--set {override}: expected key=value")
     try:
-        settings.merge_with(values)
-    except ConfigKeyError as error:
-        parent, _, _ = error.full_key.rpartition(".")
-        known = ", ".join(OmegaConf.select(settings, parent) if parent else settings)
-        raise InputError(f"{source}: unknown setting {error.full_key}; there are {known}") from error
-    except OmegaConfBaseException as error:
-        raise InputError(f"{source}: {_describe(error)}") from error
+        return OmegaConf.to_container(OmegaConf.from_dotlist([override]))
+    except (OmegaConfBaseException, yaml.YAMLError) as error:
+        raise InputError(f"--set {override}: {_describe(error)}") from error
+
+
+def _understood(value: Any, default: Any) -> Any:  # noqa: ANN401
+    """What is meant by a value that yaml or rosparam could not express otherwise."""
+    if isinstance(value, Mapping):
+        members = default if isinstance(default, Mapping) else {}
+        return {key: _understood(member, members.get(key)) for key, member in value.items()}
+    if value == "" and default is None:
+        return None
+    angle = ANGLE.fullmatch(value) if isinstance(value, str) else None
+    if angle is None:
+        return value
+    try:
+        number = float(angle[2])
+    except ValueError as error:
+        raise ConfigError(f"{value}: expected a number in the parentheses") from error
+    return math.radians(number) if angle[1] == "deg" else number
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    if isinstance(value, dict):
+        return {name: _plain(member) for name, member in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(member) for member in value]
+    return "" if value is None else value
+
+
+def _require_finite(values: Any, name: str) -> None:  # noqa: ANN401
+    if isinstance(values, dict):
+        for member, value in values.items():
+            _require_finite(value, f"{name}.{member}" if name else member)
+    for value in values if isinstance(values, list) else [values]:
+        require(not isinstance(value, float) or math.isfinite(value), f"{name}={values}: not a finite number")
 
 
 def _make_writable(settings: DictConfig) -> None:
