@@ -37,8 +37,8 @@ def load_settings(path: Optional[Path], overrides: Sequence[str] = (), kind: Typ
 def merge_settings(kind: Type[Config], layers: Sequence[Tuple[str, Mapping]], whole: str) -> Config:
     """Merge values into the defaults of a dataclass.
 
-    Whole numbers will do for floats, lists for tuples, and texts that are numbers (1e-5 is a text in yaml) or angles such
-    as deg(90) for numbers; an empty text is None where that is the default.
+    Whole numbers will do for floats, lists for tuples, and texts that are numbers (yaml reads 1e-5 as a text) or angles
+    such as deg(90) for numbers; an empty text is None where that is the default.
 
     Args:
         kind: a dataclass, with dataclasses as its groups, that can be made without arguments and has `check()`.

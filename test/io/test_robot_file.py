@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.robot_file import read_robot_file
+from ceiling_dso_ros.io.robot_file import read_robot_file, robot_from_values, robot_values
 
 ROBOT = """
 ticks_per_turn: 4096
@@ -50,7 +50,12 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
         (ROBOT.replace("4096", "no"), "ticks_per_turn must be a positive number, not False"),
         (ROBOT.replace("4096", "many"), "ticks_per_turn must be a positive number, not many"),
         (ROBOT.replace("[0.098, 0.099]", "0.098"), "wheel_radius must be 2 positive numbers, not 0.098"),
-        (ROBOT.replace("wheel_base", "base"), "wheel_base must be a positive number, not None"),
+        (ROBOT.replace("wheel_base", "# wheel_base"), "wheel_base must be a positive number, not None"),
+        (ROBOT.replace("wheel_base", "whel_base"), "whel_base is unknown; did you mean wheel_base?"),
+        (ROBOT + MOUNT.replace("quat_xyzw", "quat_xyz"), "T_base_camera.quat_xyz is unknown; did you mean T_base"),
+        (ROBOT.replace("0.485", "on"), "wheel_base must be a positive number, not True"),
+        (ROBOT.replace("0.099", "yes"), "wheel_radius must be 2 positive numbers, not [0.098, True]"),
+        (ROBOT + "T_base_camera: 5", "T_base_camera is a group of values, not one: xyz, quat_xyzw"),
         (ROBOT.replace("0.485", "-0.485"), "wheel_base must be a positive number, not -0.485"),
         (ROBOT.replace("0.485", ".nan"), "wheel_base must be a positive number, not nan"),
         (ROBOT + MOUNT + "camera_time_offset: late", "camera_time_offset must be a number, not late"),
@@ -67,3 +72,17 @@ def test_wrong_files_are_explained(tmp_path, text, complaint):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'robot.yaml'}: cannot read the file: No such file")):
         read_robot_file(tmp_path / "robot.yaml")
+
+
+def test_what_is_written_is_read_back(tmp_path):
+    robot = read(tmp_path, ROBOT + MOUNT + "camera_time_offset: -1e-2")  # a text in YAML 1.1
+    again = robot_from_values(robot_values(robot), "node")
+    np.testing.assert_allclose(again.T_base_camera, robot.T_base_camera, atol=1e-15)
+    assert (again.ticks_per_turn, again.wheel_radius_m, again.wheel_base_m) == (4096.0, (0.098, 0.099), 0.485)
+    assert again.camera_time_offset_s == -0.01
+
+
+def test_an_empty_mount_is_none(tmp_path):
+    other = np.diag([1.0, -1.0, -1.0, 1.0])
+    robot = read(tmp_path, ROBOT + "T_base_camera: ''", T_base_camera=other)
+    np.testing.assert_array_equal(robot.T_base_camera, other)

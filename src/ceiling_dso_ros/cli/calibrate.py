@@ -104,22 +104,20 @@ def _table(calibration: "Calibration") -> str:
 def _yaml(calibration: "Calibration", source: Path) -> str:
     """The robot file, with what is known of every value as comments."""
     import yaml
-    from scipy.spatial.transform import Rotation
+
+    from ceiling_dso_ros.io.recording import RobotDescription
+    from ceiling_dso_ros.io.robot_file import robot_values
 
     robot = calibration.robot
-    T = robot.T_base_camera
-    content = {
-        "ticks_per_turn": robot.ticks_per_turn,
-        "wheel_radius": [float(radius) for radius in robot.wheel_radius_m],
-        "wheel_base": float(robot.wheel_base_m),
-        "T_base_camera": {
-            "xyz": [float(value) for value in T[:3, 3]],
-            "quat_xyzw": [float(value) for value in Rotation.from_matrix(T[:3, :3]).as_quat()],
-        },
-        "camera_time_offset": float(robot.camera_time_offset_s),
-    }
+    description = RobotDescription(
+        robot.ticks_per_turn,
+        robot.wheel_radius_m,
+        robot.wheel_base_m,
+        robot.T_base_camera,
+        robot.camera_time_offset_s,
+    )
     lines = [f"# calibrated from {source.name} with {calibration.pairs} pairs of images"]
     for value in calibration.values:
         found = f"{value.value:.6g} +- {value.sigma:.2g}" if value.excited else f"not excited, {value.nominal:.6g} kept"
         lines.append(f"# {value.name}: {found} {value.unit}".rstrip())
-    return "\n".join(lines) + "\n" + yaml.safe_dump(content, sort_keys=False)
+    return "\n".join(lines) + "\n" + yaml.safe_dump(robot_values(description), sort_keys=False)

@@ -1,28 +1,34 @@
-"""Reads `robot.yaml`, the dimensions of a robot."""
+"""The dimensions of a robot as `robot.yaml` and the ROS parameters `~robot/...` hold them."""
 
 from pathlib import Path
-from typing import Any, Optional, Sequence
+from typing import Any, Dict, Mapping, Optional, Sequence
 
 import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.known_names import require_known
 from ceiling_dso_ros.io.recording import RobotDescription
+
+NAMES = {
+    "ticks_per_turn": None,
+    "wheel_radius": None,
+    "wheel_base": None,
+    "T_base_camera": {"xyz": None, "quat_xyzw": None},
+    "camera_time_offset": None,
+}
 
 
 def read_robot_file(path: Path, T_base_camera: Optional[np.ndarray] = None) -> RobotDescription:
-    """Read a robot's dimensions.
-
-    They are ticks_per_turn, wheel_radius [left, right] and wheel_base in metres, T_base_camera {xyz, quat_xyzw}, and
-    optionally camera_time_offset in seconds.
+    """Read a robot's dimensions; see `robot_from_values`.
 
     Args:
         path: the yaml file.
         T_base_camera: (4, 4), for a file that does not have it.
 
     Raises:
-        InputError: the file cannot be read, or a value is missing or impossible.
+        InputError: the file cannot be read, or a value is missing, unknown or impossible.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -32,31 +38,59 @@ def read_robot_file(path: Path, T_base_camera: Optional[np.ndarray] = None) -> R
         raise InputError(f"{path}: is not yaml: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: expected the keys ticks_per_turn, wheel_radius, wheel_base, T_base_camera")
+    return robot_from_values(content, str(path), T_base_camera)
 
-    (ticks_per_turn,) = _positive_numbers(content, "ticks_per_turn", 1, path)
-    left_m, right_m = _positive_numbers(content, "wheel_radius", 2, path)
-    (wheel_base_m,) = _positive_numbers(content, "wheel_base", 1, path)
-    if "T_base_camera" in content or T_base_camera is None:
-        T_base_camera = _transform(content.get("T_base_camera"), path)
-    offset_s = _numbers(content.get("camera_time_offset", 0.0), 1)
+
+def robot_from_values(values: Mapping, source: str, T_base_camera: Optional[np.ndarray] = None) -> RobotDescription:
+    """A robot's dimensions.
+
+    Args:
+        values: ticks_per_turn, wheel_radius [left, right] and wheel_base in metres, T_base_camera {xyz, quat_xyzw}, and
+            optionally camera_time_offset in seconds.
+        source: where they come from, for the message.
+        T_base_camera: (4, 4), where it is not among them, or empty.
+
+    Raises:
+        InputError: a value is missing, unknown or impossible.
+    """
+    mount = values.get("T_base_camera", "")
+    require_known({**values, "T_base_camera": {} if mount == "" else mount}, NAMES, source)
+    (ticks_per_turn,) = _positive_numbers(values, "ticks_per_turn", 1, source)
+    left_m, right_m = _positive_numbers(values, "wheel_radius", 2, source)
+    (wheel_base_m,) = _positive_numbers(values, "wheel_base", 1, source)
+    if mount != "" or T_base_camera is None:
+        T_base_camera = _transform(mount, source)
+    offset_s = _numbers(values.get("camera_time_offset", 0.0), 1)
     if offset_s is None:
-        raise InputError(f"{path}: camera_time_offset must be a number, not {content['camera_time_offset']}")
+        raise InputError(f"{source}: camera_time_offset must be a number, not {values['camera_time_offset']}")
     return RobotDescription(ticks_per_turn, (left_m, right_m), wheel_base_m, T_base_camera, *offset_s)
 
 
-def _positive_numbers(content: dict, key: str, count: int, path: Path) -> Sequence[float]:
-    numbers = _numbers(content.get(key), count)
+def robot_values(robot: RobotDescription) -> Dict[str, Any]:
+    """All dimensions as `robot_from_values` takes them, of types that yaml and the parameter server know."""
+    T = robot.T_base_camera
+    return {
+        "ticks_per_turn": float(robot.ticks_per_turn),
+        "wheel_radius": [float(radius_m) for radius_m in robot.wheel_radius_m],
+        "wheel_base": float(robot.wheel_base_m),
+        "T_base_camera": {"xyz": T[:3, 3].tolist(), "quat_xyzw": Rotation.from_matrix(T[:3, :3]).as_quat().tolist()},
+        "camera_time_offset": float(robot.camera_time_offset_s),
+    }
+
+
+def _positive_numbers(values: Mapping, key: str, count: int, source: str) -> Sequence[float]:
+    numbers = _numbers(values.get(key), count)
     if numbers is None or min(numbers) <= 0:
         expected = "a positive number" if count == 1 else f"{count} positive numbers"
-        raise InputError(f"{path}: {key} must be {expected}, not {content.get(key)}")
+        raise InputError(f"{source}: {key} must be {expected}, not {values.get(key)}")
     return numbers
 
 
-def _transform(value: Any, path: Path) -> np.ndarray:  # noqa: ANN401
+def _transform(value: Any, source: str) -> np.ndarray:  # noqa: ANN401
     value = value if isinstance(value, dict) else {}
     translation, quaternion = _numbers(value.get("xyz"), 3), _numbers(value.get("quat_xyzw"), 4)
     if translation is None or quaternion is None or not any(quaternion):
-        raise InputError(f"{path}: T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers)")
+        raise InputError(f"{source}: T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers)")
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     T[:3, 3] = translation
@@ -64,7 +98,9 @@ def _transform(value: Any, path: Path) -> np.ndarray:  # noqa: ANN401
 
 
 def _numbers(value: Any, count: int) -> Optional[Sequence[float]]:  # noqa: ANN401
-    """Value as that many finite numbers, None if it is something else."""
+    """Value as that many finite numbers, None if it is something else; texts will do, as 1e-5 is one in yaml."""
+    if any(isinstance(member, bool) for member in (value if isinstance(value, list) else [value])):  # yaml's on and off
+        return None
     try:
         numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
     except (TypeError, ValueError):

@@ -2,18 +2,17 @@
 
 from functools import singledispatchmethod
 from pathlib import Path
-from typing import Any, Dict, Iterable, List
+from typing import Any, Dict, Iterable
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.io.errors import OutputError
 from ceiling_dso_ros.io.message_writer import MessageWriter
-from ceiling_dso_ros.io.recording import RobotDescription
+from ceiling_dso_ros.io.robot_file import robot_values
 from ceiling_dso_ros.io.trajectory import write_tum
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.sensors import SCAN_ANGLES, SCAN_RANGE_M
@@ -48,7 +47,7 @@ def write_files_beside(bag: Path, recording: SimulatedRecording) -> None:
     write_tum(files["camera"], recording.camera_truth)
     write_tum(files["base"], recording.base_truth)
     _write_yaml(files["truth"], recording.simulation.truth())
-    _write_yaml(files["robot"], _robot_file(recording.robot))
+    _write_yaml(files["robot"], robot_values(recording.robot))
 
 
 def write_measurements(bag: MessageWriter, recording: SimulatedRecording, measurements: Iterable[Any]) -> None:
@@ -134,17 +133,6 @@ def _planar_covariance(covariance: np.ndarray) -> np.ndarray:
     full = np.eye(6) * UNKNOWN_VARIANCE
     full[np.ix_([0, 1, 5], [0, 1, 5])] = covariance
     return full
-
-
-def _robot_file(robot: RobotDescription) -> Dict[str, Any]:
-    T = robot.T_base_camera
-    quaternion: List[float] = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
-    return {
-        "ticks_per_turn": robot.ticks_per_turn,
-        "wheel_radius": list(robot.wheel_radius_m),
-        "wheel_base": robot.wheel_base_m,
-        "T_base_camera": {"xyz": T[:3, 3].tolist(), "quat_xyzw": quaternion},
-    }
 
 
 def _write_yaml(path: Path, content: Dict[str, Any]) -> None:
