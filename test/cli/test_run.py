@@ -159,6 +159,31 @@ def test_settings_take_effect_and_a_run_can_be_repeated_from_its_own(tum_folder,
     assert trajectory("few") == trajectory("again") != trajectory("default")
 
 
+def test_images_are_scaled_and_thinned(tum_folder, command, tmp_path):
+    stamps_s = [float(line.split()[1]) for line in (tum_folder / "times.txt").read_text().splitlines()]
+    fps = 0.5 * (FRAMES - 1) / (stamps_s[-1] - stamps_s[0])
+    result = command("run", tum_folder, "--out", tmp_path / "out", "--size", "180x136", "--fps", str(fps))
+    assert (result.returncode, result.stderr) == (0, "")
+    with (tmp_path / "out" / "timing.csv").open() as file:
+        used_s = [float(row["stamp"]) for row in csv.DictReader(file)]
+    np.testing.assert_allclose(used_s, stamps_s[::2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "complaint"),
+    [
+        ("--size", "100", "--size 100: expected WIDTHxHEIGHT"),
+        ("--size", "400x300", "400x300 is larger than the images, 192x144"),
+        ("--size", "190x142", "190x142 pixels: too small to be tracked, or not divisible by 4"),
+        ("--fps", "-1", "--fps -1: 0 or more"),
+        ("--fps", "nan", "--fps nan: 0 or more"),
+    ],
+)
+def test_impossible_sizes_and_rates_are_refused(tum_folder, command, tmp_path, option, value, complaint):
+    assert_refused(command("run", tum_folder, "--out", tmp_path / "out", option, value), complaint)
+    assert not (tmp_path / "out").exists()
+
+
 def test_bad_frames_are_warned_of_counted_and_skipped(tum_folder, command, tmp_path):
     """They cost no more poses than themselves."""
     assert command("run", tum_folder, "--out", tmp_path / "clean").returncode == 0

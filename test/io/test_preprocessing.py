@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
-from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.image_scaling import scaled_camera
 from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.io.output_camera import crop_camera
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
@@ -46,3 +47,25 @@ def test_the_vignette_belongs_to_the_raw_image():
 def test_other_images_are_refused(raw, complaint):
     with pytest.raises(FrameError, match=complaint):
         ImagePreprocessor(PINHOLE)(raw)
+
+
+def test_a_size_scales_what_has_been_undistorted():
+    lens = LensCamera("RadTan", 100, 100, 80, 60, (-0.2, 0.0, 0.0, 0.0), 160, 120)
+    calibration = CameraCalibration(lens, crop_camera(lens, 160, 120))
+    raw = np.random.default_rng(1).integers(0, 256, (120, 160), dtype=np.uint8)
+    preprocess = ImagePreprocessor(calibration, size=(80, 60 + 4))
+    image = preprocess(raw)
+    assert image.shape == (preprocess.camera.height, preprocess.camera.width) == (64, 80)
+    whole = ImagePreprocessor(calibration)(raw)
+    assert image.mean() == pytest.approx(whole.mean(), rel=1e-3)
+    assert preprocess.camera == scaled_camera(calibration.camera, (80, 64))
+
+
+def test_the_calibrations_own_size_leaves_the_image_as_it_is():
+    raw = np.random.default_rng(1).integers(0, 256, (120, 160), dtype=np.uint8)
+    np.testing.assert_array_equal(ImagePreprocessor(PINHOLE, size=(160, 120))(raw), raw)
+
+
+def test_a_size_that_is_too_large_is_refused():
+    with pytest.raises(InputError, match="320x240 is larger than the images, 160x120"):
+        ImagePreprocessor(PINHOLE, size=(320, 240))

@@ -75,3 +75,11 @@ def test_topics_beside_the_image():
 def test_a_path_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'none'}: there is no such folder or bag")):
         open_recording(tmp_path / "none")
+
+
+def test_a_frame_rate_thins_the_images_before_they_are_read():
+    images = [(number * 100_000_000, FrameError("read for nothing")) for number in range(1, 31)]
+    images[::5] = [(stamp_ns, GOOD) for stamp_ns, _ in images[::5]]
+    frames = list(Listed(*images).frames(frame_rate=2.0))
+    assert [type(frame) for frame in frames] == [Frame] * 6
+    assert len(list(Listed(*images).frames())) == 30

@@ -10,9 +10,11 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import was_interrupt
 
 if TYPE_CHECKING:
+    from ceiling_dso_ros.dso import OdometryConfig
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.recording import Recording
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
+    from ceiling_dso_ros.playback.visual_run import VisualRun
 
 FUSION_PREFIX = "fusion."  # of the fusion's settings among all
 
@@ -33,6 +35,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--image-topic", metavar="TOPIC", help="of a bag (default /camera/up/image_raw)")
     parser.add_argument("--camera-info-topic", metavar="TOPIC", help="of a bag (default beside the images)")
     parser.add_argument("--exposure-topic", metavar="TOPIC", help="of a bag (default beside the images)")
+    parser.add_argument("--size", metavar="WxH", help="scale the images down to this size (default their own)")
+    parser.add_argument("--fps", metavar="N", type=float, default=0.0, help="use so many images a second (default all)")
     parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
     parser.add_argument(
         "--fusion-config", metavar="FILE.yaml", type=Path, help="settings of the fusion; a run's fusion.yaml is one"
@@ -64,15 +68,17 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.playback.playback import Playback
-    from ceiling_dso_ros.playback.visual_run import VisualRun
     from ceiling_dso_ros.settings import load_settings, write_settings
 
+    if not 0.0 <= options.fps < float("inf"):
+        raise InputError(f"--fps {options.fps:g}: 0 or more")
     of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
     config = load_settings(options.config, [text for text in options.overrides if text not in of_fusion])
     fusion_config = load_settings(
         options.fusion_config, [text[len(FUSION_PREFIX) :] for text in of_fusion], FusionConfig
     )
     recording = _open_recording(options)
+    visual = _visual_run(recording, config, options.size)
     fusion = _fusion(recording, fusion_config)
     if options.predict and fusion is None:
         raise InputError(f"{recording.path}: --predict needs wheels and the robot's dimensions")
@@ -82,16 +88,12 @@ def execute(options: argparse.Namespace) -> None:
             write_settings(folder / "fusion.yaml", fusion_config)
 
     load_kernels(lambda message: print(message, file=sys.stderr))
-    playback = Playback(
-        VisualRun.of(recording, config),
-        _warn,
-        fusion,
-        options.predict,
-    )
+    playback = Playback(visual, _warn, fusion, options.predict)
     end = "complete"
     try:
         # disable=None: no bar where stderr is no terminal
-        with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
+        total = None if options.fps else len(recording)
+        with tqdm(recording.frames(options.fps), total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
     except BaseException as error:
         end = "interrupted" if was_interrupt(error) else f"failed: {type(error).__name__}: {error}"
@@ -116,6 +118,19 @@ def _open_recording(options: argparse.Namespace) -> "Recording":
         camera_file=options.camera,
         robot_file=options.robot,
     )
+
+
+def _visual_run(recording: "Recording", config: "OdometryConfig", size: Optional[str]) -> "VisualRun":
+    """For the recording's images at their own size or the one asked for; a wrong one shall be known before the run."""
+    from ceiling_dso_ros.dso import ConfigError
+    from ceiling_dso_ros.io.image_scaling import parse_image_size
+    from ceiling_dso_ros.playback.visual_run import VisualRun
+
+    asked_for = None if size is None else parse_image_size(size, "--size")
+    try:
+        return VisualRun.of(recording, config, size=asked_for)
+    except (ConfigError, InputError) as error:
+        raise InputError(f"{recording.path}: {error}") from error
 
 
 def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionPlayback"]:

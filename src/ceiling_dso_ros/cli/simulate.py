@@ -1,9 +1,8 @@
 """`simulate`: a drive under a ceiling, as a bag with everything the robot records."""
 
 import argparse
-import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Iterable, Iterator, Tuple
+from typing import TYPE_CHECKING, Iterable, Iterator
 
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
@@ -97,11 +96,12 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _config(options: argparse.Namespace) -> "SimulationConfig":
+    from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.simulation.camera import CameraModel
     from ceiling_dso_ros.simulation.config import SimulationConfig
     from ceiling_dso_ros.simulation.robot import WheelErrors
 
-    width, height = _size(options.size)
+    width, height = parse_image_size(options.size, "--size")
     return SimulationConfig(
         sequence=options.sequence,
         ceiling=options.ceiling,
@@ -130,13 +130,6 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
         forward=options.forward,
         imu=options.imu,
     )
-
-
-def _size(text: str) -> Tuple[int, int]:
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if match is None:
-        raise InputError(f"--size {text}: expected WIDTHxHEIGHT as in 848x480")
-    return int(match[1]), int(match[2])
 
 
 def _shown(measurements: Iterable["Measurement"], progress: "tqdm") -> Iterator["Measurement"]:

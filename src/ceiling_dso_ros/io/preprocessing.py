@@ -1,24 +1,43 @@
 """From a raw image to what the odometry works on."""
 
+from typing import Optional, Tuple
+
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.image_scaling import ImageScaler
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.undistortion import Undistorter
 
 
 class ImagePreprocessor:
-    """Corrects raw images photometrically, then undistorts them."""
+    """Corrects raw images photometrically, undistorts them, and scales them where a size is given.
+
+    Attributes:
+        camera: of the images that come out.
+    """
 
     def __init__(
-        self, calibration: CameraCalibration, photometric: PhotometricCalibration = PhotometricCalibration.linear()
+        self,
+        calibration: CameraCalibration,
+        photometric: PhotometricCalibration = PhotometricCalibration.linear(),
+        size: Optional[Tuple[int, int]] = None,
     ) -> None:
-        self._size = (calibration.lens.width, calibration.lens.height)
+        """Take the calibrations, and (width, height) to scale to, None for the calibration's own.
+
+        Raises:
+            InputError: the images cannot be scaled to that size.
+        """
+        self._raw_size = (calibration.lens.width, calibration.lens.height)
         self._photometric = photometric
         self._undistorter = Undistorter(calibration)
         self.camera: PinholeCamera = calibration.camera
+        self._scaler: Optional[ImageScaler] = None
+        if size is not None and size != (self.camera.width, self.camera.height):
+            self._scaler = ImageScaler(self.camera, size)
+            self.camera = self._scaler.camera
 
     def __call__(self, raw: np.ndarray) -> np.ndarray:
         """Process a raw image, (H, W) uint8 or uint16.
@@ -32,8 +51,9 @@ class ImagePreprocessor:
         if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
             raise FrameError(f"an image must be (height, width) uint8 or uint16, not {raw.shape} {raw.dtype}")
         height, width = raw.shape
-        if (width, height) != self._size:
+        if (width, height) != self._raw_size:
             raise FrameError(
-                f"the image is {width}x{height}, but the calibration is for {self._size[0]}x{self._size[1]}"
+                f"the image is {width}x{height}, but the calibration is for {self._raw_size[0]}x{self._raw_size[1]}"
             )
-        return self._undistorter.undistort(self._photometric.correct(raw))
+        image = self._undistorter.undistort(self._photometric.correct(raw))
+        return image if self._scaler is None else self._scaler(image)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.stamps import format_stamp
 
@@ -190,16 +191,22 @@ class Recording(ABC):
     def ground_truth_path(self) -> Optional[Path]:
         """TUM file with the true poses of the camera's optical frame, None where there is none."""
 
-    def frames(self) -> Iterator[Union[Frame, SkippedFrame]]:
-        """All images in the order of the recording, each one read when it is asked for.
+    def frames(self, frame_rate: float = 0.0) -> Iterator[Union[Frame, SkippedFrame]]:
+        """The images in the order of the recording, each one read when it is asked for.
 
         A bad image (unreadable, of another size, or whose stamp does not grow) comes as a SkippedFrame.
+
+        Args:
+            frame_rate: images a second, see `FrameRateLimit`; 0 for all.
 
         Raises:
             InputError: the recording turns out to be damaged.
         """
         last_ns = -1
+        limit = FrameRateLimit(frame_rate)
         for listed in self.images():
+            if listed.stamp_ns is not None and not limit.passes(listed.stamp_ns):
+                continue
             try:
                 image = self._read(listed, last_ns)
             except FrameError as error:

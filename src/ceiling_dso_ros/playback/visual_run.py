@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import replace
-from typing import Callable, Dict, NamedTuple, Optional
+from typing import Callable, Dict, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -55,10 +55,15 @@ class VisualRun:
     @classmethod
     def of(
         cls, recording: Recording, config: OdometryConfig = OdometryConfig(),
-        scheduler: Optional[SequentialScheduler] = None,
+        scheduler: Optional[SequentialScheduler] = None, size: Optional[Tuple[int, int]] = None,
     ) -> "VisualRun":  # fmt: skip
-        """A run over the images of a recording."""
-        preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
+        """A run over the images of a recording, scaled to (width, height) where a size is given.
+
+        Raises:
+            InputError: the images cannot be scaled to that size.
+            ConfigError: images of that size cannot be tracked, or a setting is out of range.
+        """
+        preprocess = ImagePreprocessor(recording.calibration, recording.photometric, size)
         return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler))
 
     def track(

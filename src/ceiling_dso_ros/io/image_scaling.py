@@ -1,0 +1,62 @@
+"""Scales images down, for computers that are too slow for all of their pixels."""
+
+import re
+from typing import Tuple
+
+import cv2
+import numpy as np
+
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.io.errors import InputError
+
+
+def parse_image_size(text: str, source: str) -> Tuple[int, int]:
+    """Width and height from `WIDTHxHEIGHT`.
+
+    Raises:
+        InputError: it is something else; source names the option or parameter.
+    """
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if match is None:
+        raise InputError(f"{source} {text}: expected WIDTHxHEIGHT as in 848x480")
+    return int(match[1]), int(match[2])
+
+
+class ImageScaler:
+    """Makes images smaller by averaging over areas, so that nothing finer than the new pixels remains.
+
+    Attributes:
+        camera: of the images that come out.
+    """
+
+    def __init__(self, camera: PinholeCamera, size: Tuple[int, int]) -> None:
+        """Take the camera of the images that go in and (width, height) of those that come out.
+
+        Raises:
+            InputError: the size is larger than the images, or smaller than a camera may be.
+        """
+        width, height = size
+        if width > camera.width or height > camera.height:
+            raise InputError(f"the size {width}x{height} is larger than the images, {camera.width}x{camera.height}")
+        self._size = size
+        try:
+            self.camera = scaled_camera(camera, size)
+        except ValueError as error:
+            raise InputError(str(error)) from error
+
+    def __call__(self, image: np.ndarray) -> np.ndarray:
+        """Scale an image of the camera that went in, (H, W) float32, to (height, width) float32, a new array."""
+        return cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
+
+
+def scaled_camera(camera: PinholeCamera, size: Tuple[int, int]) -> PinholeCamera:
+    """The camera whose images of (width, height) show the same view.
+
+    Raises:
+        ValueError: the size is too small.
+    """
+    width, height = size
+    x, y = width / camera.width, height / camera.height
+    # The image's edges stay where they are, half a pixel beyond the centres of the outermost pixels.
+    cx, cy = (camera.cx + 0.5) * x - 0.5, (camera.cy + 0.5) * y - 0.5
+    return PinholeCamera(camera.fx * x, camera.fy * y, cx, cy, width, height)
