@@ -7,6 +7,7 @@ image is taken in as soon as the wheels have been heard of after it, a keyframe 
 import bisect
 import itertools
 from collections import deque
+from dataclasses import replace
 from typing import Deque, List, Optional, Tuple, Union
 
 import numpy as np
@@ -16,7 +17,7 @@ from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
-from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
 from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds, seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate, SmoothedNode
 from ceiling_dso_ros.fusion.health import Health
@@ -98,6 +99,17 @@ class FusionEstimator:
         """Let the published pose be (3,) from now on; what follows goes on from there."""
         now = np.zeros(3) if self._output is None else self._output.pose
         self._origin = planar.compose(np.asarray(pose, dtype=float), planar.inverse(now))
+
+    def configure_output(self, output: OutputConfig) -> None:
+        """Let other settings of the output count from the next one on; what is known of the robot stays.
+
+        Raises:
+            ConfigError: a setting is out of range.
+        """
+        output.check()
+        self.config = replace(self.config, output=output)
+        if self._output is not None:
+            self._output.configure(output)
 
     @property
     def scale(self) -> ScaleState:

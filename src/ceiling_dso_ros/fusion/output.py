@@ -33,10 +33,14 @@ class BlendedPose:
 
     A correction is what the best estimate changes beyond its motion. It decays with a time constant and within bounds
     per output, so that the pose stays continuous, as REP-105 wants `odom`.
+
+    Attributes:
+        config: of the output; may be changed between two of them.
+        pose: (3,) last published.
     """
 
     def __init__(self, config: OutputConfig, pose: np.ndarray) -> None:
-        self._config = config
+        self.config = config
         self.pose = np.array(pose)
 
     def follow(self, motion: np.ndarray, dt: float, target: Estimate) -> Estimate:
@@ -50,7 +54,7 @@ class BlendedPose:
         Returns:
             The pose to publish; its covariance holds what is still missing to the target.
         """
-        config = self._config
+        config = self.config
         self.pose = planar.compose(self.pose, motion)
         missing = planar.between(self.pose, target.pose)
         step = (1.0 - math.exp(-dt / config.blend_s)) * missing
@@ -68,13 +72,17 @@ class TwistFilter:
 
     def __init__(self, config: OutputConfig, noise: WheelNoise) -> None:
         self._noise = noise
-        self._accelerations = np.array([config.acceleration_m_s2, config.acceleration_rad_s2])
+        self.configure(config)
         self._filter = KalmanFilter(dim_x=2, dim_z=2)
         self._filter.H = np.eye(2)
         self._filter.F = np.eye(2)
         self._filter.inv = planar.inverse_2x2
         self._filter.P = np.diag(self._accelerations**2)
         self._stamp_ns: Optional[int] = None
+
+    def configure(self, config: OutputConfig) -> None:
+        """Let other accelerations count from now on."""
+        self._accelerations = np.array([config.acceleration_m_s2, config.acceleration_rad_s2])
 
     @property
     def twist(self) -> np.ndarray:
@@ -131,6 +139,11 @@ class LiveOutput:
     def twist(self) -> np.ndarray:
         """(2,) m/s and rad/s now."""
         return self._twist.twist
+
+    def configure(self, config: OutputConfig) -> None:
+        """Let other settings count from the next output on; the pose goes on from the last one."""
+        self._blended.config = config
+        self._twist.configure(config)
 
     def restart(self, estimate: GraphEstimate, events: Sequence[Union[WheelStep, Sighting]]) -> None:
         """Go on from the graph's newest keyframe; events are the wheel steps and sightings after it."""

@@ -12,11 +12,14 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.dso import DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.cfg import DsoConfig
+from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, OdometryStatus
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.frame_rate import FrameRateLimit
+from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
@@ -31,7 +34,9 @@ from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
 from ceiling_dso_ros.ros.motion_predictions import MotionPredictions
 from ceiling_dso_ros.ros.node import time_is_simulated
+from ceiling_dso_ros.ros.node_parameters import DsoParameters
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
+from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
@@ -77,20 +82,8 @@ class DsoServer:
         ~pause, ~resume (std_srvs/Trigger): images are left alone in between.
         ~save_trajectory (SaveTrajectory): write camera.tum, camera_final.tum and keyframes.tum.
 
-    Parameters (private, read at start; cfg/Dso.cfg has those that may change while running):
-        image_transport: raw (default) or compressed.
-        calibration: camera.txt in the TUM-mono layout, instead of camera_info; empty by default.
-        rectified: images are those that P of camera_info describes, not K and D; false by default.
-        settings: yaml file with settings of the odometry; empty by default.
-        mapping: live (default), beside the tracking, so that a pose never waits for it; or sequential, which gives what
-            `run` gives with every image that is not dropped.
-        motion_prediction: let the wheels predict the camera's motion; false by default, as then a bag gives the same
-            poses however fast the machine is.
-        frame_id: world of the visual odometry; vo by default.
-        camera_frame_id: optical frame of the camera; that of the images by default.
-        silence: seconds without an image after which the diagnostics say so, 0.1 to 60; 0.5 by default.
-        keep_trajectory: remember what ~save_trajectory writes, 30 MB an hour at 30 images a second; true by default.
-        trajectory_dir: folder to which that is written when the node ends; empty by default, which is not at all.
+    Parameters (private, read at start): `DsoParameters` and `OdometryConfig`; cfg/Dso.cfg has those that may change
+        while running.
     """
 
     def __init__(self) -> None:
@@ -99,45 +92,43 @@ class DsoServer:
         Raises:
             InputError: a parameter, or a file that it names, is wrong.
         """
-        transport = parameters.choice("image_transport", "raw", ("raw", "compressed"))
-        self._config = parameters.settings(OdometryConfig)
-        mapping = parameters.choice("mapping", "live", ("live", "sequential"))
-        self._frame_id = parameters.frame("frame_id", "vo")
-        self._camera_frame_id = parameters.frame("camera_frame_id", "")
-        self._rectified = parameters.flag("rectified", False)
-        self._keep = parameters.flag("keep_trajectory", True)
-        self._trajectory_dir = parameters.output_folder("trajectory_dir")
-        predict = parameters.flag("motion_prediction", False)
-        calibration_file = parameters.path("calibration")
+        self._parameters, self._config = parameters.read(DsoParameters, OdometryConfig)
+        own: DsoParameters = self._parameters
+        self._frame_id, self._camera_frame_id = own.vo_frame.lstrip("/"), own.camera_frame.lstrip("/")
+        self._size = parse_image_size(own.image_size, "image_size") if own.image_size else None
+        self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
+        calibration_file = parameters.file_path(own.calibration)
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
+        self._frame_rate = FrameRateLimit()
         self._mailbox = Mailbox()
         self._exposures = ExposureLookup()
-        self._images = diagnostics.Stream(parameters.number("silence", 0.5, 0.1, 60.0))
+        self._images = diagnostics.Stream(own.silence)
         self._dropped, self._paused = 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
         self._begins_again = time_is_simulated()
         self._clock = DataClock()
         self._last_stamp_ns: Optional[int] = None
         self._camera_info: Tuple = ()  # as last received
-        self._camera_info_complaint = ""
+        self._camera_info_complaint = self._size_complaint = ""
         self._calibration: Optional[CameraCalibration] = None  # the newest, set by the thread of camera_info
         self._calibrated = threading.Event()
         self._used_calibration: Optional[CameraCalibration] = None  # what the next two were made from
         self._preprocess: Optional[ImagePreprocessor] = None
         self._odometry: Optional[DirectOdometry] = None
-        self._scheduler = LiveScheduler() if mapping == "live" else SequentialScheduler()
+        self._scheduler = LiveScheduler() if own.mapping == "live" else SequentialScheduler()
         self._recorder = TrajectoryRecorder()
 
         if calibration_file is not None:
             self._calibration = read_camera_file(calibration_file)
             self._calibrated.set()
         load_kernels()
-        self._predictions = MotionPredictions() if predict else None
+        self._predictions = MotionPredictions() if own.motion_prediction else None
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
+        self._reconfigure_server = ReconfigureServer(DsoConfig, self._reconfigure)
         self._offer_services()
         diagnostics.Diagnostics(self._report, "camera")
-        self._connect(transport, calibration_file is None)
+        self._connect(own.image_transport, calibration_file is None)
 
     def spin(self) -> None:
         """Work until the node is shut down."""
@@ -169,7 +160,8 @@ class DsoServer:
 
     def _on_image(self, message: AnyImage) -> None:
         self._images.heard()
-        if not self._paused:
+        stamp = message.header.stamp
+        if not self._paused and (stamp.is_zero() or self._frame_rate.passes(stamp.to_nsec())):
             self._dropped += self._mailbox.put(message)
 
     def _on_exposure(self, message: Exposure) -> None:
@@ -183,7 +175,7 @@ class DsoServer:
         self._camera_info = fields
         topic = rospy.resolve_name("camera_info")
         try:
-            self._calibration = calibration_from_camera_info(*fields, self._rectified, source=topic)
+            self._calibration = calibration_from_camera_info(*fields, self._parameters.rectified, source=topic)
             self._camera_info_complaint = ""
             self._calibrated.set()
         except InputError as error:
@@ -222,7 +214,7 @@ class DsoServer:
         if self._calibration is not self._used_calibration:
             self._use(self._calibration)
         if self._odometry is None:
-            waiting = f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
+            waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
         image = self._preprocess(image_array(message))
@@ -234,7 +226,7 @@ class DsoServer:
         if self._predictions is not None and last_ns is not None:
             known["prediction"] = self._predictions.between(last_ns, stamp_ns, self._status.segment)
         status = self._odometry.track(image, self._clock.last_ns, exposure_ms, **known)
-        if self._keep:
+        if self._parameters.keep_trajectory:
             self._recorder.add(status)
         status = self._with_data_stamps(status)
         camera_frame_id = self._camera_frame(message)
@@ -251,10 +243,15 @@ class DsoServer:
         """Start anew with a calibration."""
         if self._used_calibration is not None:
             rospy.logwarn("the camera's calibration changed: starting anew")
-        self._used_calibration = calibration
-        self._preprocess = ImagePreprocessor(calibration)
+        self._used_calibration, self._odometry = calibration, None
         self._scheduler.discard()
-        self._odometry = DirectOdometry(self._preprocess.camera, self._config, self._scheduler)
+        try:
+            self._preprocess = ImagePreprocessor(calibration, size=self._size)
+            self._odometry = DirectOdometry(self._preprocess.camera, self._config, self._scheduler)
+        except (ConfigError, InputError) as error:
+            self._size_complaint = f"cannot track: {error}"
+            return
+        self._size_complaint = ""
         self._start_anew()
         rospy.loginfo(f"tracking images of {calibration.lens} as {self._preprocess.camera}")
 
@@ -291,6 +288,13 @@ class DsoServer:
         self._last_stamp_ns = None
         self._recorder = TrajectoryRecorder()
         self._publisher.reset()
+
+    def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
+        self._frame_rate.frame_rate = settings.frame_rate
+        self._publisher.covariance_scale = settings.covariance_scale
+        self._publisher.path.length, self._publisher.path.period_s = settings.path_length, settings.path_period
+        self._map.period_s = settings.map_period
+        return settings
 
     # Services
 

@@ -7,6 +7,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
+from ceiling_dso_ros.cfg import FusionConfig
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.fusion.state import FusedState, FusionState, ScaleState
 from ceiling_dso_ros.msg import FusionScale, FusionStatus, MotionPrediction
@@ -30,11 +31,12 @@ class FusionPublisher:
 
     def __init__(self, odom_frame: str, base_frame: str) -> None:
         self.visual_frame = ""
+        self._covariance_scale = 1.0
         self._odom_frame, self._base_frame = odom_frame, base_frame
         self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=50, tcp_nodelay=True)
         self._scale = rospy.Publisher("fusion/scale", FusionScale, queue_size=50)
         self._status = rospy.Publisher("fusion/status", FusionStatus, queue_size=50)
-        self._path = PathPublisher("fusion/path", length=20000)
+        self._path = PathPublisher("fusion/path")
         self._prediction = rospy.Publisher(
             "fusion/motion_prediction", MotionPrediction, queue_size=10, tcp_nodelay=True
         )
@@ -42,6 +44,12 @@ class FusionPublisher:
     def reset(self) -> None:
         """Forget the poses so far."""
         self._path.clear()
+
+    def reconfigure(self, settings: FusionConfig, _level: int) -> FusionConfig:
+        """Take in what cfg/Fusion.cfg has."""
+        self._covariance_scale = settings.covariance_scale
+        self._path.length, self._path.period_s = settings.path_length, settings.path_period
+        return settings
 
     @property
     def prediction_wanted(self) -> bool:
@@ -51,8 +59,9 @@ class FusionPublisher:
     def publish(self, stamp: rospy.Time, state: FusedState, status: FusionStatus) -> None:
         """Publish an output with the stamp of its data; status is complete but for header, state and reasons."""
         header = Header(stamp=stamp, frame_id=self._odom_frame)
+        scale = self._covariance_scale
         odometry = planar_odometry(
-            header, self._base_frame, state.pose, state.covariance, state.twist, state.twist_covariance
+            header, self._base_frame, state.pose, scale * state.covariance, state.twist, scale * state.twist_covariance
         )
         self._odometry.publish(odometry)
         self._scale.publish(scale_message(Header(stamp=header.stamp, frame_id=self.visual_frame), state.scale))

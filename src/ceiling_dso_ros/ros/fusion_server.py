@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import fields, replace
 from typing import Optional
 
 import numpy as np
@@ -9,9 +10,11 @@ import rospy
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 
+from ceiling_dso_ros.cfg import FusionConfig as FusionReconfigureConfig
+from ceiling_dso_ros.cfg import FusionOutputConfig
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.config import ConfigError
-from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
@@ -25,8 +28,10 @@ from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node import time_is_simulated
+from ceiling_dso_ros.ros.node_parameters import FusionParameters
 from ceiling_dso_ros.ros.planar_messages import planar_pose
-from ceiling_dso_ros.ros.robot_parameter import read_robot, with_camera
+from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
+from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot, with_camera
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message
 from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
@@ -60,19 +65,9 @@ class FusionServer:
         ~set_pose (SetPose): let the published pose be another one from now on.
         ~save_trajectory (SaveTrajectory): write wheel.tum, fused.tum and fused_smoothed.tum.
 
-    Parameters (private, read at start):
-        robot: yaml file with ticks_per_turn, wheel_radius [left, right] in m, wheel_base in m, optionally T_base_camera
-            {xyz, quat_xyzw} and camera_time_offset in s; must be given.
-        settings: yaml file with settings of the fusion; empty by default.
-        odom_frame, base_frame: odom and base_link by default.
-        camera_frame: where robot.yaml has no T_base_camera, the frame to look up in tf; by default the one that the
-            visual odometry names.
-        publish_tf: true by default.
-        tf_mode: odom (default) publishes odom_frame -> base_frame; correction publishes odom_frame -> the frame of
-            wheel/odometry, for a wheel driver that publishes the transform of base_link itself.
-        silence: seconds without wheel odometry or images after which the diagnostics say so, 0.1 to 60; 0.5 by default.
-        keep_trajectory: remember what ~save_trajectory writes, about 10 MB an hour; true by default.
-        trajectory_dir: folder to which that is written when the node ends; empty by default, which is not at all.
+    Parameters (private, read at start): `FusionParameters`; `FusionConfig`; and robot, which must be given, with
+        ticks_per_turn, wheel_radius [left, right] in m, wheel_base in m, optionally T_base_camera {xyz, quat_xyzw} and
+        camera_time_offset in s. cfg/Fusion.cfg and cfg/FusionOutput.cfg have those that may change while running.
     """
 
     def __init__(self) -> None:
@@ -81,31 +76,32 @@ class FusionServer:
         Raises:
             InputError: a parameter, or a file that it names, is wrong.
         """
-        self._config = parameters.settings(FusionConfig)
+        own: FusionParameters
+        own, self._config = parameters.read(FusionParameters, FusionConfig, groups=ROBOT_GROUP)
         self._robot, has_camera = read_robot()
-        self._odom_frame = parameters.frame("odom_frame", "odom")
-        base_frame = parameters.frame("base_frame", "base_link")
-        tf_mode = parameters.choice("tf_mode", "odom", ("odom", "correction"))
-        tf_mode = tf_mode if parameters.flag("publish_tf", True) else "none"
-        silence_s = parameters.number("silence", 0.5, 0.1, 60.0)
-        self._keep = parameters.flag("keep_trajectory", True)
-        self._trajectory_dir = parameters.output_folder("trajectory_dir")
+        self._odom_frame, base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
+        self._keep = own.keep_trajectory
+        self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
 
         self._lock = threading.Lock()
-        self._wheels, self._images = diagnostics.Stream(silence_s), diagnostics.Stream(silence_s)
+        self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
         self._begins_again = time_is_simulated()
         self._clock = DataClock()  # of the wheels; the images' stamps are brought onto it
         self._counts = FusionStatus()
-        camera_frame = parameters.frame("camera_frame", "")
+        camera_frame = own.camera_frame.lstrip("/")
         self._mount = CameraMount(base_frame, camera_frame, self._robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
         self._camera_offset_ns = nanoseconds(self._robot.camera_time_offset_s)
         self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
         self._publisher = FusionPublisher(self._odom_frame, base_frame)
         self._map = MetricMap(self._odom_frame)
-        self._transform = BaseTransform(tf_mode, self._odom_frame, base_frame)
+        self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, base_frame)
         self._forget()
 
+        self._reconfigure_servers = (
+            ReconfigureServer(FusionReconfigureConfig, self._publisher.reconfigure),
+            ReconfigureServer(FusionOutputConfig, self._reconfigure_output, namespace="output"),
+        )
         offer_trigger("~reset", self._reset)
         rospy.Service("~set_pose", SetPose, self._set_pose)
         offer_save_trajectory(self._trajectories)
@@ -263,6 +259,13 @@ class FusionServer:
             motion = self._estimator.predict_camera_motion(newest.stamp_ns, end_ns)
             span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)
             self._publisher.publish_prediction(motion, *span_ns, newest.segment)
+
+    def _reconfigure_output(self, settings: FusionOutputConfig, _level: int) -> FusionOutputConfig:
+        output = OutputConfig(**{field.name: settings[field.name] for field in fields(OutputConfig)})
+        with self._lock:
+            self._config = replace(self._config, output=output)
+            self._estimator.configure_output(output)
+        return settings
 
     # Services
 

@@ -12,15 +12,19 @@ from ceiling_dso_ros.dso import OdometryStatus, PinholeCamera
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 
-PERIOD_S = 0.2  # shortest time between two messages of a topic
 FIELDS = [PointField(name, 4 * index, PointField.FLOAT32, 1) for index, name in enumerate(("x", "y", "z", "intensity"))]
 NEAR_AND_FAR = (0.4, 2.5)  # VO units, first and last colour of the depths
 
 
 class MapPublisher:
-    """The topics `visual_odometry/points` and `visual_odometry/debug_image`."""
+    """The topics `visual_odometry/points` and `visual_odometry/debug_image`.
 
-    def __init__(self) -> None:
+    Attributes:
+        period_s: shortest time between two messages of a topic, of the wall clock.
+    """
+
+    def __init__(self, period_s: float = 0.2) -> None:
+        self.period_s = period_s
         self._points = rospy.Publisher("visual_odometry/points", PointCloud2, queue_size=1)
         self._image = rospy.Publisher("visual_odometry/debug_image", Image, queue_size=1)
         self._sent_s = {self._points: -np.inf, self._image: -np.inf}
@@ -50,7 +54,7 @@ class MapPublisher:
             self._send(self._image, colour_image(Header(stamp=header.stamp, frame_id=camera_frame_id), drawn))
 
     def _due(self, publisher: rospy.Publisher) -> bool:
-        return publisher.get_num_connections() > 0 and time.monotonic() >= self._sent_s[publisher] + PERIOD_S
+        return publisher.get_num_connections() > 0 and time.monotonic() >= self._sent_s[publisher] + self.period_s
 
     def _send(self, publisher: rospy.Publisher, message: object) -> None:
         publisher.publish(message)

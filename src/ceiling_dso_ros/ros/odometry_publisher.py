@@ -4,12 +4,10 @@ from typing import Optional
 
 import numpy as np
 import rospy
-from dynamic_reconfigure.server import Server
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from ceiling_dso_ros.cfg import DsoConfig
 from ceiling_dso_ros.dso import OdometryStatus
 from ceiling_dso_ros.msg import Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import (
@@ -23,22 +21,27 @@ from ceiling_dso_ros.ros.paths import PathPublisher
 
 
 class OdometryPublisher:
-    """The topics `visual_odometry/*` but the map's, see `DsoServer`."""
+    """The topics `visual_odometry/*` but the map's, see `DsoServer`.
+
+    Attributes:
+        covariance_scale: factor on the covariance of the poses.
+        path: the poses of the current segment.
+    """
 
     def __init__(self) -> None:
+        self.covariance_scale = 1.0
         self._odometry = rospy.Publisher("visual_odometry/odometry", Odometry, queue_size=10)
         self._pose = rospy.Publisher("visual_odometry/pose", PoseStamped, queue_size=10)
-        self._path = PathPublisher("visual_odometry/path")
+        self.path = PathPublisher("visual_odometry/path")
         self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=50, latch=True)
         self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=50, tcp_nodelay=True)
         self.reset()
-        self._reconfigure_server = Server(DsoConfig, self._reconfigure)
 
     def reset(self) -> None:
         """Forget the poses so far."""
         self._segment = 0
         self._last_pose: Optional[np.ndarray] = None
-        self._path.clear()
+        self.path.clear()
 
     def publish(self, header: Header, camera_frame_id: str, status: OdometryStatus) -> None:
         """Publish keyframes and poses of an image.
@@ -66,15 +69,10 @@ class OdometryPublisher:
         self._pose.publish(pose)
         if segment != self._segment:
             self._segment = segment
-            self._path.clear()
-        self._path.add(pose)
+            self.path.clear()
+        self.path.add(pose)
 
     def _covariance(self, status: OdometryStatus) -> np.ndarray:
         if status.covariance is None:  # the pose that a segment begins with: initialisation gives none
             return unknown_covariance()
-        return self._settings.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)
-
-    def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
-        self._settings = settings
-        self._path.length, self._path.period_s = settings.path_length, settings.path_period
-        return settings
+        return self.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)

@@ -1,89 +1,78 @@
-"""Private parameters, read at start and refused in one line when they are wrong."""
+"""Private parameters: read once at start, refused in one line when they are wrong, and written back complete."""
 
-import math
 import os
 from pathlib import Path
-from typing import List, Optional, Sequence, Type, TypeVar
+from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
 
 import rospy
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.settings import load_settings
-
-Config = TypeVar("Config")
-
-
-def flag(name: str, default: bool) -> bool:
-    """A parameter that is true or false.
-
-    Raises:
-        InputError: it is something else.
-    """
-    value = rospy.get_param(f"~{name}", default)
-    if not isinstance(value, bool):
-        raise InputError(f"{_resolved(name)}: '{value}' is not true or false")
-    return value
+from ceiling_dso_ros.io.known_names import all_names, require_known
+from ceiling_dso_ros.settings import default_values, merge_settings, plain_values
 
 
-def number(name: str, default: float, smallest: float, largest: float) -> float:
-    """A parameter within a range, both ends included.
+def read(*kinds: type, groups: Optional[Mapping[str, Any]] = None) -> Tuple[Any, ...]:
+    """All private parameters of this node, as far as they are those of dataclasses.
+
+    What is not set has its default. All values are then written to the parameter server, so that it shows what the node
+    works with.
+
+    Args:
+        kinds: dataclasses as `merge_settings` takes them; their names lie side by side.
+        groups: the nested names of further groups, which somebody else reads.
+
+    Returns:
+        One object for each of kinds.
 
     Raises:
-        InputError: it is no number or out of range.
+        InputError: a name is unknown, or a value of another type or out of range.
     """
-    value = rospy.get_param(f"~{name}", default)
-    fits = isinstance(value, (int, float)) and not isinstance(value, bool) and smallest <= value <= largest
-    if not fits or not math.isfinite(value):
-        raise InputError(f"{_resolved(name)}: '{value}' is not a number of {smallest:g} to {largest:g}")
-    return float(value)
+    node, given = rospy.get_name(), rospy.get_param("~", {})
+    defaults = {name: value for kind in kinds for name, value in default_values(kind).items()}
+    # What is in the further groups is checked by those who read them.
+    known = {**defaults, **{name: given.get(name, names) for name, names in (groups or {}).items()}}
+    try:
+        require_known(given, known, node)
+        found = tuple(_merge(kind, given, node) for kind in kinds)
+    except InputError as error:
+        raise InputError(_with_slashes(str(error), [*all_names(known), *all_names(given)])) from error
+    for config in found:
+        write(plain_values(config), given)
+    return found
 
 
-def choice(name: str, default: str, choices: Sequence[str]) -> str:
-    """A parameter that is one of a few words.
-
-    Raises:
-        InputError: it is another one.
-    """
-    value = rospy.get_param(f"~{name}", default)
-    if value not in choices:
-        raise InputError(f"{_resolved(name)}: '{value}' is not {' or '.join(choices)}")
-    return value
+def write(values: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Set private parameters, as far as they are not given already."""
+    for name, value in values.items():
+        if name not in given or repr(given[name]) != repr(value):  # 1 is 1.0, and True is 1
+            rospy.set_param(f"~{name}", value)
 
 
-def frame(name: str, default: str) -> str:
-    """A tf frame, without a leading slash.
-
-    Raises:
-        InputError: it is no name.
-    """
-    value = rospy.get_param(f"~{name}", default)
-    if not isinstance(value, str) or (default and not value.strip("/")):
-        raise InputError(f"{_resolved(name)}: '{value}' is not the name of a frame")
-    return value.lstrip("/")
+def _merge(kind: type, given: Mapping[str, Any], node: str) -> Any:  # noqa: ANN401
+    values = {name: given[name] for name in default_values(kind) if name in given}
+    return merge_settings(kind, [(node, values)], node)
 
 
-def path(name: str) -> Optional[Path]:
-    """A file or folder, None when the parameter is empty, as it is by default."""
-    value = rospy.get_param(f"~{name}", "")
+def _with_slashes(message: str, names: Iterable[str]) -> str:
+    """ROS has slashes where settings have dots."""
+    dotted: Dict[str, str] = {name: name.replace(".", "/") for name in names if "." in name}
+    for name in sorted(dotted, key=len, reverse=True):
+        message = message.replace(name, dotted[name])
+    return message
+
+
+def file_path(value: str) -> Optional[Path]:
+    """A file or folder, None for an empty parameter."""
     return Path(value).expanduser() if value else None
 
 
-def settings(kind: Type[Config]) -> Config:
-    """The dataclass that the yaml file in `~settings` describes.
-
-    Raises:
-        InputError: the file cannot be read, or a value in it is wrong.
-    """
-    return load_settings(path("settings"), kind=kind)
-
-
-def output_folder(name: str) -> Optional[Path]:
-    """A folder that files can be written to, made if missing; None when the parameter is empty.
+def output_folder(value: str) -> Optional[Path]:
+    """A folder that files can be written to, made if missing; None for an empty parameter.
 
     Raises:
         InputError: it cannot be written to.
     """
-    folder = path(name)
+    folder = file_path(value)
     if folder is not None:
         make_writable(folder)
     return folder
@@ -101,12 +90,3 @@ def make_writable(folder: Path) -> None:
         raise InputError(f"{folder}: cannot make this folder: {error.strerror}") from error
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder}: cannot write to this folder")
-
-
-def joint_names() -> List[str]:
-    """`~left_joint` and `~right_joint`; left and right are found by these words in them by default."""
-    return [str(rospy.get_param(f"~{side}_joint", "")) for side in ("left", "right")]
-
-
-def _resolved(name: str) -> str:
-    return rospy.resolve_name(f"~{name}")

@@ -1,40 +1,50 @@
-"""The robot's dimensions out of the file that `~robot` names."""
+"""The robot's dimensions out of the private parameters `~robot/...`."""
 
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import rospy
 
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.robot_file import read_robot_file
+from ceiling_dso_ros.io.robot_file import NAMES, robot_from_values, robot_values
 from ceiling_dso_ros.playback.fusion_playback import robot_model
 from ceiling_dso_ros.ros import parameters
 
+ROBOT_GROUP = {"robot": NAMES}
+
 
 class RobotParameter(NamedTuple):
-    """The robot, and whether the file says where its camera is; if not, it is taken to look straight up."""
+    """The robot, and whether the parameters say where its camera is; if not, it is taken to look straight up."""
 
     model: RobotModel
     has_camera: bool
 
 
 def read_robot() -> RobotParameter:
-    """Read the file.
+    """Read the robot's dimensions; all of them are written to the parameter server.
 
     Raises:
-        InputError: none is given, it cannot be read, or a value is missing or out of range.
+        InputError: there are none, or a value is missing, unknown or out of range.
     """
-    path = parameters.path("robot")
-    if path is None:
-        raise InputError("~robot: give the robot.yaml with ticks_per_turn, wheel_radius and wheel_base")
+    source = rospy.resolve_name("~robot")
+    values = rospy.get_param("~robot", {})
+    if not isinstance(values, dict) or not values:
+        raise InputError(
+            f"{source}: has no ticks_per_turn, wheel_radius and wheel_base; load a robot.yaml into it, as the launch "
+            "files do with robot:=FILE"
+        )
     straight_up = np.eye(4)
-    robot = read_robot_file(path, straight_up)
+    robot = robot_from_values(values, source, straight_up)
     try:
-        return RobotParameter(robot_model(robot), robot.T_base_camera is not straight_up)
+        model = robot_model(robot)
     except ConfigError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{source}: {error}") from error
+    mount = values.get("T_base_camera", "")
+    parameters.write({"robot": {**robot_values(robot), "T_base_camera": mount}}, {"robot": values})
+    return RobotParameter(model, mount != "")
 
 
 def with_camera(robot: RobotModel, T_base_camera: np.ndarray) -> RobotModel:

@@ -12,6 +12,7 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
 from ceiling_dso_ros.ros import parameters
+from ceiling_dso_ros.ros.node_parameters import SimulationParameters
 from ceiling_dso_ros.simulation.bag import write_measurements
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import EventError
@@ -28,14 +29,7 @@ class SimulationServer:
         camera/up/image_raw, camera/up/camera_info, camera/up/exposure, joint_states, wheel/left/ticks,
         wheel/right/ticks, odom, scan, ground_truth, /tf_static: as in a bag of `simulate`.
 
-    Parameters (private, read at start):
-        sequence: square, loops (default), straight, spin or stop_and_go.
-        ceiling: factory (default), tiles, warehouse or plaster.
-        seed: of everything random, 0 to 2^32 - 1; 0 by default.
-        duration: seconds, 0.5 to 7200; 0, one lap, by default.
-        rate: how many simulated seconds shall pass in one, 0.01 to 100; 1 by default. Where rendering takes longer, the
-            simulated time passes more slowly.
-        events: what happens, comma-separated, as `simulate --event` takes them; empty by default.
+    Parameters (private, read at start): `SimulationParameters`.
     """
 
     def __init__(self) -> None:
@@ -44,19 +38,21 @@ class SimulationServer:
         Raises:
             InputError: a parameter is wrong.
         """
-        events = [event.strip() for event in str(rospy.get_param("~events", "")).split(",") if event.strip()]
+        own: SimulationParameters
+        (own,) = parameters.read(SimulationParameters)
+        events = [event.strip() for event in own.events.split(",") if event.strip()]
         try:
             config = SimulationConfig(
-                sequence=str(rospy.get_param("~sequence", "loops")),
-                ceiling=str(rospy.get_param("~ceiling", "factory")),
-                seed=int(parameters.number("seed", 0, 0, 2**32 - 1)),
-                duration_s=parameters.number("duration", 0.0, 0.0, 7200.0),
+                sequence=own.sequence,
+                ceiling=own.ceiling,
+                seed=own.seed,
+                duration_s=own.duration,
                 events=tuple(events),
             )
             self._recording = SimulatedRecording(config)
         except (ConfigError, EventError) as error:
             raise InputError(f"{rospy.get_name()}: {error}") from error
-        self._rate = parameters.number("rate", 1.0, 0.01, 100.0)
+        self._rate = own.rate
 
     def spin(self) -> None:
         """Drive until the sequence or the node ends."""

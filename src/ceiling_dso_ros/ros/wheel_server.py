@@ -19,8 +19,9 @@ from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time, stamp_ns_of
 from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
 from ceiling_dso_ros.ros.node import time_is_simulated
+from ceiling_dso_ros.ros.node_parameters import WheelParameters
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
-from ceiling_dso_ros.ros.robot_parameter import read_robot
+from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.services import offer_trigger
 
 QUEUE_SIZE = 200  # samples; every one counts
@@ -42,14 +43,8 @@ class WheelServer:
     Services:
         ~reset (std_srvs/Trigger): the next sample is the origin.
 
-    Parameters (private, read at start):
-        robot: yaml file with ticks_per_turn, wheel_radius [left, right] in m and wheel_base in m; must be given.
-        settings: yaml file with settings of the fusion, of which `wheels` are used; empty by default.
-        input: joint_states (default) or ticks.
-        left_joint, right_joint: names in joint_states; those that contain left and right by default.
-        odom_frame, base_frame: odom and base_link by default.
-        publish_tf: false by default, as the fusion publishes a better one.
-        silence: seconds without a sample after which the diagnostics say so, 0.1 to 60; 0.5 by default.
+    Parameters (private, read at start): `WheelParameters`; `FusionConfig`, of which `wheels` is used; and robot with
+        ticks_per_turn, wheel_radius [left, right] in m and wheel_base in m, which must be given.
     """
 
     def __init__(self) -> None:
@@ -58,22 +53,21 @@ class WheelServer:
         Raises:
             InputError: a parameter, or a file that it names, is wrong.
         """
-        self._odometry = WheelOdometry(read_robot().model, parameters.settings(FusionConfig).wheels)
-        self._odom_frame = parameters.frame("odom_frame", "odom")
-        self._base_frame = parameters.frame("base_frame", "base_link")
-        self._joints = WheelJoints(*parameters.joint_names())
-        source = parameters.choice("input", "joint_states", ("joint_states", "ticks"))
-        broadcast = parameters.flag("publish_tf", False)
-        self._samples = diagnostics.Stream(parameters.number("silence", 0.5, 0.1, 60.0))
+        own: WheelParameters
+        own, config = parameters.read(WheelParameters, FusionConfig, groups=ROBOT_GROUP)
+        self._odometry = WheelOdometry(read_robot().model, config.wheels)
+        self._odom_frame, self._base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
+        self._joints = WheelJoints(own.left_joint, own.right_joint)
+        self._samples = diagnostics.Stream(own.silence)
 
         self._lock = threading.Lock()
         self._begins_again = time_is_simulated()
         self._clock = DataClock()
-        self._broadcaster = tf2_ros.TransformBroadcaster() if broadcast else None
+        self._broadcaster = tf2_ros.TransformBroadcaster() if own.publish_tf else None
         self._publisher = rospy.Publisher("wheel/odometry", Odometry, queue_size=QUEUE_SIZE, tcp_nodelay=True)
         offer_trigger("~reset", self._reset)
         diagnostics.Diagnostics(self._report, "wheels")
-        if source == "joint_states":
+        if own.input == "joint_states":
             self._name = rospy.resolve_name("joint_states")
             self._subscribe("joint_states", JointState, self._on_joint_states)
         else:

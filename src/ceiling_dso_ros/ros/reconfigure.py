@@ -1,0 +1,26 @@
+"""dynamic_reconfigure that refuses what is out of range instead of setting something else."""
+
+from typing import Any, Dict
+
+import rospy
+from dynamic_reconfigure.server import Server
+
+
+class ReconfigureServer(Server):
+    """As dynamic_reconfigure's server, whose values are parameters of this node or of one of its groups."""
+
+    def update_configuration(self, changes: Dict[str, Any]) -> Any:  # noqa: ANN401
+        """Take changes in, all or none.
+
+        Raises:
+            rospy.ServiceException: a value is out of range; the one who asked gets the message.
+        """
+        for name, value in changes.items():
+            smallest, largest = self.type.min.get(name, ""), self.type.max.get(name, "")
+            if smallest != "" and not smallest <= value <= largest:
+                message = (
+                    f"{rospy.resolve_name(self.ns + name)}={value}: {smallest:g} to {largest:g}; nothing is changed"
+                )
+                rospy.logwarn(message)
+                raise rospy.ServiceException(message)
+        return super().update_configuration(changes)
