@@ -1,10 +1,11 @@
 """The parameters of each node beside the settings of the odometry and the fusion: private, with working defaults."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Sequence
 
 from ceiling_dso_ros.cfg import DsoConfig, FusionConfig
 from ceiling_dso_ros.dso.config import require
+from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 
@@ -74,7 +75,7 @@ class DsoParameters:
 
 @dataclass(frozen=True)
 class WheelParameters:
-    """Of wheel_odometry_node; the settings of the fusion lie beside them, of which it uses `wheels`, and `robot`."""
+    """Of wheel_odometry_node; `robot` lies beside them."""
 
     input: str = "joint_states"  # or ticks
     left_joint: str = ""  # name in joint_states; the one that contains left by default
@@ -83,9 +84,11 @@ class WheelParameters:
     base_frame: str = "base_link"
     publish_tf: bool = False  # the fusion publishes a better transform
     silence: float = 0.5  # seconds without a sample after which the diagnostics say so
+    wheels: WheelConfig = field(default_factory=WheelConfig)  # how far they can be trusted
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
+        self.wheels.check()
         _require_choice(self, "input", ("joint_states", "ticks"))
         _require_frames(self, "odom_frame", "base_frame")
         _require_range(self, "silence", *SILENCE_S)

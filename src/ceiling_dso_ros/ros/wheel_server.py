@@ -11,7 +11,6 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 
-from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.io.wheel_joints import WheelJoints
@@ -43,8 +42,8 @@ class WheelServer:
     Services:
         ~reset (std_srvs/Trigger): the next sample is the origin.
 
-    Parameters (private, read at start): `WheelParameters`; `FusionConfig`, of which `wheels` is used; and robot with
-        ticks_per_turn, wheel_radius [left, right] in m and wheel_base in m, which must be given.
+    Parameters (private, read at start): `WheelParameters`; and robot, which must be given, with ticks_per_turn,
+        wheel_radius [left, right] in m and wheel_base in m.
     """
 
     def __init__(self) -> None:
@@ -54,8 +53,8 @@ class WheelServer:
             InputError: a parameter, or a file that it names, is wrong.
         """
         own: WheelParameters
-        own, config = parameters.read(WheelParameters, FusionConfig, groups=ROBOT_GROUP)
-        self._odometry = WheelOdometry(read_robot().model, config.wheels)
+        (own,) = parameters.read(WheelParameters, groups=ROBOT_GROUP)
+        self._odometry = WheelOdometry(read_robot().model, own.wheels)
         self._odom_frame, self._base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
         self._joints = WheelJoints(own.left_joint, own.right_joint)
         self._samples = diagnostics.Stream(own.silence)

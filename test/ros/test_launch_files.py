@@ -1,0 +1,189 @@
+"""The launch files as roslaunch reads them: nothing is started."""
+
+import shlex
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ceiling_dso_ros.cfg", reason="needs ROS and the built workspace")
+
+from roslaunch.arg_dump import get_args
+from roslaunch.config import ROSLaunchConfig
+from roslaunch.xmlloader import XmlLoader
+
+from ceiling_dso_ros.cfg import DsoConfig, FusionConfig
+from ceiling_dso_ros.dso import OdometryConfig
+from ceiling_dso_ros.fusion.config import FusionConfig as FusionSettings
+from ceiling_dso_ros.io.known_names import require_known
+from ceiling_dso_ros.io.robot_file import robot_from_values
+from ceiling_dso_ros.ros.node_parameters import DsoParameters, FusionParameters, SimulationParameters, WheelParameters
+from ceiling_dso_ros.settings import default_values, merge_settings
+
+pytestmark = pytest.mark.ros
+
+LAUNCH = Path(__file__).parents[2] / "launch"
+PARTS = ("dso", "fusion")
+WHOLES = ("ceiling_odometry", "playback", "simulation")
+NODES = {
+    "dso_node": (DsoParameters, OdometryConfig),
+    "wheel_odometry_node": (WheelParameters,),
+    "fusion_node": (FusionParameters, FusionSettings),
+    "simulation_node": (SimulationParameters,),
+}
+# Not arguments: they may change while the nodes run, or belong to a robot without fusion.
+NOT_LAUNCHED = {
+    "dso_node": set(DsoConfig.defaults) - {"groups", "frame_rate"},
+    "wheel_odometry_node": {"publish_tf", "wheels"},
+    "fusion_node": set(FusionConfig.defaults) - {"groups"},
+    "simulation_node": set(),
+}
+OTHER_VALUES = {"wheel_input": "ticks", "respawn": "true"}
+
+
+def load(name, *arguments):
+    config = ROSLaunchConfig()
+    XmlLoader().load(str(LAUNCH / f"{name}.launch"), config, argv=list(arguments), verbose=False)
+    return config
+
+
+def declared(name):
+    """{argument: (doc, default)} of a launch file."""
+    return get_args([str(LAUNCH / f"{name}.launch")])
+
+
+def default_of(name, argument):
+    return declared(name)[argument][1]
+
+
+def nested(config, node):
+    """The private parameters of a node."""
+    values = {}
+    for name, parameter in config.params.items():
+        if name.startswith(f"/{node}/"):
+            *groups, leaf = name.split("/")[2:]
+            group = values
+            for each in groups:
+                group = group.setdefault(each, {})
+            group[leaf] = parameter.value
+    return values
+
+
+def state(config):
+    """What is launched of the nodes that odometry and fusion have."""
+    found = {name: parameter.value for name, parameter in config.params.items()}
+    for node in config.nodes:
+        found[f"{node.name}/respawn"] = node.respawn
+        found.update((f"{node.name}/remap/{name}", topic) for name, topic in node.remap_args)
+    return {(name, repr(value)) for name, value in found.items() if name.strip("/").split("/")[0] in NODES}
+
+
+def another_value(argument, tmp_path):
+    """Something that the argument is not by default."""
+    if argument.endswith("_settings") or argument == "robot":
+        path = tmp_path / f"{argument}.yaml"
+        contents = {"robot": "wheel_base: 0.7", "wheel_settings": "radius_sigma: 0.02"}
+        path.write_text(contents.get(argument, "silence: 7.0"))
+        return str(path)
+    return OTHER_VALUES.get(argument, "another")
+
+
+PASSED_ON = sorted({argument for part in PARTS for argument in declared(part)})
+
+
+@pytest.mark.parametrize("whole", WHOLES)
+def test_every_argument_of_the_parts_is_one_of_the_whole_and_says_the_same(whole):
+    given = declared(whole)
+    for part in PARTS:
+        for argument, (doc, default) in declared(part).items():
+            assert argument in given, argument
+            assert given[argument][0] == doc
+            assert given[argument][1].lstrip("/") == default.lstrip("/")  # topics of a bag are absolute
+
+
+@pytest.mark.parametrize("argument", PASSED_ON)
+@pytest.mark.parametrize("whole", WHOLES)
+def test_every_argument_reaches_the_nodes(whole, argument, tmp_path):
+    value = another_value(argument, tmp_path)
+    changed = set()
+    for part in PARTS:
+        if argument in declared(part):
+            changed |= state(load(part, f"{argument}:={value}")) - state(load(part))
+    assert changed, "the argument does nothing"
+    assert state(load(whole, f"{argument}:={value}")) - state(load(whole)) == changed
+
+
+@pytest.mark.parametrize("whole", WHOLES)
+def test_every_parameter_of_the_nodes_has_an_argument(whole):
+    arguments = {argument: "another" for argument in PASSED_ON if default_of(whole, argument) == ""}
+    config = load(whole, *(f"{argument}:={value}" for argument, value in arguments.items()))
+    for node, kinds in NODES.items():
+        if node in {each.name for each in config.nodes}:
+            assert {field.name for field in fields(kinds[0])} - set(nested(config, node)) == NOT_LAUNCHED[node]
+
+
+@pytest.mark.parametrize("name", [*PARTS, *WHOLES])
+def test_nodes_take_what_is_set_by_default(name):
+    config = load(name)
+    for node in {each.name for each in config.nodes} & set(NODES):
+        values, kinds = nested(config, node), NODES[node]
+        if "robot" in values:
+            robot_from_values(values.pop("robot"), node, np.eye(4))
+        require_known(values, {each: None for kind in kinds for each in default_values(kind)}, node)
+        for kind in kinds:
+            known = {each: value for each, value in values.items() if each in default_values(kind)}
+            merge_settings(kind, [(node, known)], node)
+
+
+def test_an_argument_counts_more_than_the_file_and_the_file_more_than_the_default(tmp_path):
+    settings = tmp_path / "fusion.yaml"
+    settings.write_text("{silence: 3.0, odom_frame: odom_of_the_file, publish_tf: off}")
+    values = nested(load("playback", f"fusion_settings:={settings}", "odom_frame:=odom_of_mine"), "fusion_node")
+    assert (values["silence"], values["odom_frame"], values["publish_tf"]) == (3.0, "odom_of_mine", False)
+
+
+def test_what_an_earlier_launch_has_set_is_cleared():
+    assert set(load("simulation").clear_params) == {f"/{node}/" for node in NODES}
+
+
+def test_a_window_is_left_to_the_settings_unless_it_is_given(tmp_path):
+    settings = tmp_path / "dso.yaml"
+    settings.write_text("window: {max_keyframes: 5}")
+    given = [f"dso_settings:={settings}"]
+    assert nested(load("simulation", *given), "dso_node")["window"] == {"max_keyframes": 5}
+    assert nested(load("simulation", *given, "window:=7"), "dso_node")["window"] == {"max_keyframes": 7}
+
+
+def test_parameters_in_a_launch_file_of_the_users_own_count(tmp_path):
+    own = tmp_path / "own.launch"
+    own.write_text(
+        "<launch><include file='$(find ceiling_dso_ros)/launch/ceiling_odometry.launch'/>"
+        "<rosparam ns='dso_node'>window: {max_keyframes: 6}</rosparam>"
+        "<rosparam ns='fusion_node'>visual: {tilt_limit_rad: deg(3)}</rosparam>"
+        "<param name='fusion_node/silence' value='2'/></launch>"
+    )
+    config = ROSLaunchConfig()
+    XmlLoader().load(str(own), config, argv=[], verbose=False)
+    assert nested(config, "dso_node")["window"] == {"max_keyframes": 6}
+    assert nested(config, "fusion_node")["silence"] == 2
+    assert nested(config, "fusion_node")["visual"]["tilt_limit_rad"] == pytest.approx(0.0523599)
+
+
+@pytest.mark.parametrize(
+    "path", ["/data/drive.bag", "/my data/drive 1.bag", "/it's/drive.bag", '/"a"/b\\c/$x/(1)/d;e&f.bag']
+)
+def test_paths_of_bags_may_hold_anything(path):
+    config = load("playback", f"bag:={path}", f"record:={path}", "play_args:=--loop --start 10")
+    arguments = {node.name: shlex.split(node.args) for node in config.nodes}
+    assert arguments["player"][-4:] == ["--loop", "--start", "10", path]
+    assert arguments["recorder"][:2] == ["--output-name", path]
+
+
+def test_playback_records_and_waits_for_what_the_nodes_are_told_to_publish():
+    config = load("playback", "record:=/x.bag", "odometry:=ceiling/odometry", "wheel_odometry:=/robot/odom")
+    recorder = next(node for node in config.nodes if node.name == "recorder")
+    assert {"ceiling/odometry", "/robot/odom"} <= set(shlex.split(recorder.args))
+    topics = config.params["/playback_gate/topics"].value
+    assert topics == ["/camera/up/image_raw", "visual_odometry/status", "/robot/odom", "ceiling/odometry"]
+    assert "recorder" not in {node.name for node in load("playback").nodes}
