@@ -12,6 +12,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
 from ceiling_dso_ros.dso.compute.struct_of_arrays import struct_of_arrays
+from ceiling_dso_ros.dso.geometry.projection import Intrinsics, in_view, projection_jacobian, warp_of, warp_point
 from ceiling_dso_ros.dso.images.interpolation import sample_gradient
 from ceiling_dso_ros.dso.images.pattern import GRADIENT_WEIGHT, HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 
@@ -85,17 +86,10 @@ def add_pixel(
 ) -> None:  # fmt: skip
     """Add one pixel of the pattern of every point to the sums."""
     right, bottom = np.float32(width - 3), np.float32(height - 3)
-    k00, k01, k02 = KRKi[0, 0], KRKi[0, 1], KRKi[0, 2]
-    k10, k11, k12 = KRKi[1, 0], KRKi[1, 1], KRKi[1, 2]
-    k20, k21, k22 = KRKi[2, 0], KRKi[2, 1], KRKi[2, 2]
-    kt0, kt1, kt2 = Kt[0], Kt[1], Kt[2]
+    warp = warp_of(KRKi, Kt)
     for i in range(u.size):
-        pu, pv = u[i] + pattern_x, v[i] + pattern_y
-        z = k20 * pu + k21 * pv + k22 + kt2 * idepth[i]
-        z_inverse = ONE / z
-        x = (k00 * pu + k01 * pv + k02 + kt0 * idepth[i]) * z_inverse
-        y = (k10 * pu + k11 * pv + k12 + kt1 * idepth[i]) * z_inverse
-        inside = (x > TWO) & (y > TWO) & (x < right) & (y < bottom) & (z > ZERO)
+        x, y, z, _ = warp_point(warp, u[i] + pattern_x, v[i] + pattern_y, idepth[i])
+        inside = in_view(x, y, z, right, bottom)
         x, y = (x if inside else TWO), (y if inside else TWO)
         value, gx, gy = sample_gradient(image, width, x, y)
         residual = value - gain * grey[i] - offset
@@ -169,44 +163,15 @@ def sum_pattern(
         )  # fmt: skip
 
 
-@kernel
-def projection_jacobian(
-    u: np.float32, v: np.float32, idepth: np.float32, fx: np.float32, fy: np.float32, cx: np.float32, cy: np.float32,
-    R: np.ndarray, t: np.ndarray,
-) -> Tuple:  # fmt: skip
-    """Derivatives of the projected pixel of equation (5).
-
-    Returns:
-        Twenty-two float32: d x / d (fx, fy, cx, cy, translation, rotation, idepth), then the same for y. Translation
-        and rotation are a left increment on the motion (R, t) from host to target.
-    """
-    x_host, y_host = (u - cx) / fx, (v - cy) / fy
-    z_inverse = ONE / (R[2, 0] * x_host + R[2, 1] * y_host + R[2, 2] + t[2] * idepth)
-    x = (R[0, 0] * x_host + R[0, 1] * y_host + R[0, 2] + t[0] * idepth) * z_inverse
-    y = (R[1, 0] * x_host + R[1, 1] * y_host + R[1, 2] + t[1] * idepth) * z_inverse
-    new_idepth = idepth * z_inverse
-    x_by_x_host, x_by_y_host = (R[0, 0] - R[2, 0] * x) * z_inverse, (R[0, 1] - R[2, 1] * x) * z_inverse
-    y_by_x_host, y_by_y_host = (R[1, 0] - R[2, 0] * y) * z_inverse, (R[1, 1] - R[2, 1] * y) * z_inverse
-    aspect = fx / fy
-    return (
-        x - x_host * x_by_x_host, -aspect * y_host * x_by_y_host, ONE - x_by_x_host, -aspect * x_by_y_host,
-        fx * new_idepth, ZERO, -fx * new_idepth * x, -fx * x * y, fx * (ONE + x * x), -fx * y,
-        fx * (t[0] - t[2] * x) * z_inverse,
-        -x_host * y_by_x_host / aspect, y - y_host * y_by_y_host, -y_by_x_host / aspect, ONE - y_by_y_host,
-        ZERO, fy * new_idepth, -fy * new_idepth * y, -fy * (ONE + y * y), fy * x * y, fy * x,
-        fy * (t[1] - t[2] * y) * z_inverse,
-    )  # fmt: skip
-
-
 @kernel_noalias
 def fill_jacobian(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, intrinsics: np.ndarray, R: np.ndarray, t: np.ndarray,
     rows_x: Tuple, rows_y: Tuple,
 ) -> None:  # fmt: skip
     """Store `projection_jacobian` of every point: rows_x[c][i], rows_y[c][i] with c = 0..9 geometry, 10 idepth."""
-    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    camera, motion = Intrinsics(intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]), warp_of(R, t)
     for i in range(u.size):
-        j = projection_jacobian(u[i], v[i], idepth[i], fx, fy, cx, cy, R, t)
+        j = projection_jacobian(camera, motion, u[i], v[i], idepth[i])
         rows_x[0][i], rows_x[1][i], rows_x[2][i], rows_x[3][i] = j[0], j[1], j[2], j[3]
         rows_x[4][i], rows_x[5][i], rows_x[6][i], rows_x[7][i] = j[4], j[5], j[6], j[7]
         rows_x[8][i], rows_x[9][i], rows_x[10][i] = j[8], j[9], j[10]

@@ -56,13 +56,6 @@ def check_trackable(camera: PinholeCamera) -> None:
         )
 
 
-def level_intrinsics(camera_parameters: np.ndarray, level: int) -> np.ndarray:
-    """(fx, fy, cx, cy) float64 on a pyramid level, with integer coordinates at pixel centres."""
-    fx, fy, cx, cy = camera_parameters
-    scale = 1.0 / (1 << level)
-    return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
-
-
 @kernel_noalias
 def halve(fine: np.ndarray, fine_width: int, width: int, height: int, coarse: np.ndarray) -> None:
     """Mean of 2x2 pixels; flat arrays."""

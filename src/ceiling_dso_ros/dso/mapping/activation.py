@@ -4,11 +4,11 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.config import ActivationConfig
-from ceiling_dso_ros.dso.mapping.activation_kernels import project, refine_idepths, spread, stamp_distance
+from ceiling_dso_ros.dso.mapping.activation_kernels import refine_idepths, spread, stamp_distance
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
-from ceiling_dso_ros.dso.window.pair_geometry import PairGeometry, pair_geometry
+from ceiling_dso_ros.dso.window.pair_geometry import PairGeometry, pair_geometry, project_points
 
 MAX_SPACING = 4.0  # half-resolution pixels
 LARGEST_KIND = 4
@@ -100,5 +100,5 @@ class Activator:
     def _project(window, pairs, u, v, idepth, host):  # noqa: ANN001, ANN205
         """Half-resolution pixels and inverse depths of points in the newest keyframe."""
         x, y, new_idepth = (np.empty(u.size, np.float32) for _ in range(3))
-        project(u, v, idepth, host, pairs, window.newest, x, y, new_idepth)
+        project_points(u, v, idepth, host, pairs, window.newest, x, y, new_idepth)
         return 0.5 * x - 0.25, 0.5 * y - 0.25, new_idepth

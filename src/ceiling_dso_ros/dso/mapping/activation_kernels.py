@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
+from ceiling_dso_ros.dso.geometry.projection import epipolar_direction, in_view, warp_of, warp_point
 from ceiling_dso_ros.dso.images.interpolation import sample_gradient
 from ceiling_dso_ros.dso.images.pattern import GRADIENT_WEIGHT, HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeArrays
@@ -40,23 +41,6 @@ def spread(
             stamp_distance(distance2, column, row, reach)
 
 
-@kernel
-def project(
-    u: np.ndarray, v: np.ndarray, idepth: np.ndarray, host: np.ndarray, pairs: PairGeometry, target: int,
-    x: np.ndarray, y: np.ndarray, new_idepth: np.ndarray,
-) -> None:  # fmt: skip
-    """Pixel and inverse depth of points in a target keyframe; float32. Points hosted there stay where they are."""
-    for i in range(u.size):
-        if host[i] == target:
-            x[i], y[i], new_idepth[i] = u[i], v[i], idepth[i]
-            continue
-        KRKi, Kt = pairs.KRKi[host[i], target], pairs.Kt[host[i], target]
-        z = KRKi[2, 0] * u[i] + KRKi[2, 1] * v[i] + KRKi[2, 2] + Kt[2] * idepth[i]
-        x[i] = (KRKi[0, 0] * u[i] + KRKi[0, 1] * v[i] + KRKi[0, 2] + Kt[0] * idepth[i]) / z
-        y[i] = (KRKi[1, 0] * u[i] + KRKi[1, 1] * v[i] + KRKi[1, 2] + Kt[1] * idepth[i]) / z
-        new_idepth[i] = idepth[i] / z
-
-
 class DepthSums(NamedTuple):
     """Per candidate, float32: energy, Hessian and gradient of its inverse depth; in_bounds 1 while all is in view."""
 
@@ -80,23 +64,18 @@ def add_pixel(
 ) -> None:  # fmt: skip
     """Add one pixel of the pattern of every candidate of a host, seen in one target, to the sums."""
     right, bottom = np.float32(width - 3), np.float32(height - 3)
-    k00, k01, k02, kt0 = KRKi[0, 0], KRKi[0, 1], KRKi[0, 2], Kt[0]
-    k10, k11, k12, kt1 = KRKi[1, 0], KRKi[1, 1], KRKi[1, 2], Kt[1]
-    k20, k21, k22, kt2 = KRKi[2, 0], KRKi[2, 1], KRKi[2, 2], Kt[2]
+    warp = warp_of(KRKi, Kt)
     for i in range(u.size):
-        pu, pv = u[i] + pattern_x, v[i] + pattern_y
-        z = k20 * pu + k21 * pv + k22 + kt2 * idepth[i]
-        z_inverse = ONE / z
-        x = (k00 * pu + k01 * pv + k02 + kt0 * idepth[i]) * z_inverse
-        y = (k10 * pu + k11 * pv + k12 + kt1 * idepth[i]) * z_inverse
-        inside = (x > TWO) & (y > TWO) & (x < right) & (y < bottom) & (z > ZERO)
+        x, y, z, z_inverse = warp_point(warp, u[i] + pattern_x, v[i] + pattern_y, idepth[i])
+        inside = in_view(x, y, z, right, bottom)
         x, y = (x if inside else TWO), (y if inside else TWO)
         value, grad_x, grad_y = sample_gradient(image, width, x, y)
         residual = value - gain * grey[i] - offset
         gradient2 = grad_x * grad_x + grad_y * grad_y
         weight = HALF * (weight_host[i] + np.sqrt(GRADIENT_WEIGHT / (GRADIENT_WEIGHT + gradient2)))
         huber = HUBER / max(abs(residual), HUBER)
-        derivative = (grad_x * (kt0 - x * kt2) + grad_y * (kt1 - y * kt2)) * z_inverse
+        direction_x, direction_y = epipolar_direction(warp, x, y)
+        derivative = (grad_x * direction_x + grad_y * direction_y) * z_inverse
         w = weight * weight * huber
         sums.energy[i] += w * residual * residual * (TWO - huber)
         sums.hessian[i] += w * derivative * derivative

@@ -9,6 +9,7 @@ from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import intrinsic_inverse, intrinsic_matrix, pixel_warp
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
@@ -22,7 +23,6 @@ from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceBuilder, Tr
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
 from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.window.keyframe_window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
-from ceiling_dso_ros.dso.window.pair_geometry import intrinsic_inverse, intrinsic_matrix
 
 MIN_POINTS_FOR_RANGE = 50  # with fewer, the depth of the scene is not known
 # Information that holds the first keyframe of a segment: translation, rotation, a, b.
@@ -82,13 +82,12 @@ class Mapper:
         ranges = window.candidates.host_ranges(window.count)
         image = window.pool.level(frame.image_slot, 0)
         for host in range(window.count):
-            T = frame.T_camera_world @ window.T_world_camera(host)
+            KRKi, Kt = pixel_warp(K, K_inverse, frame.T_camera_world @ window.T_world_camera(host))
             affine = window.keyframes.affine[host]
             gain = frame.exposure / window.keyframes.exposure[host] * np.exp(frame.affine[0] - affine[0])
             trace_host(
                 window.candidates.arrays, int(ranges[host]), int(ranges[host + 1]), image, window.width, window.height,
-                K @ T[:3, :3] @ K_inverse, K @ T[:3, 3], float(gain), float(frame.affine[1] - gain * affine[1]),
-                self._max_search,
+                KRKi, Kt, float(gain), float(frame.affine[1] - gain * affine[1]), self._max_search,
             )  # fmt: skip
 
     def add_keyframe(self, frame: Frame, timer: StageTimer) -> MapSnapshot:

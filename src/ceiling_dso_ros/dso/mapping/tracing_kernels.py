@@ -6,6 +6,7 @@ from typing import Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined, kernel_noalias
+from ceiling_dso_ros.dso.geometry.projection import Warp, idepth_at, warp_of, warp_point
 from ceiling_dso_ros.dso.images.interpolation import sample, sample_gradient
 from ceiling_dso_ros.dso.images.pattern import HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.window import trace_outcome
@@ -23,8 +24,6 @@ MAX_QUALITY = np.float32(0.1 * UNSEARCHED_QUALITY)
 DEPTH_RATIO = (0.75, 1.5)
 SEARCH = -1  # not an outcome: the interval is long enough for a search
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
-
-Point = Tuple[float, float, float]
 
 
 @kernel_noalias
@@ -97,21 +96,22 @@ def inside(x: float, y: float, width: int, height: int) -> bool:
 
 @kernel_inlined
 def epipolar_segment(
-    projected: Point, Kt: Point, idepth_min: float, idepth_max: float, max_search: float
-) -> Tuple[float, float, float, float, float]:
-    """Where the interval of inverse depth projects: start (x, y), direction of growing idepth, and length in pixels."""
-    z = projected[2] + Kt[2] * idepth_min
-    x = (projected[0] + Kt[0] * idepth_min) / z
-    y = (projected[1] + Kt[1] * idepth_min) / z
+    warp: Warp, u: float, v: float, idepth_min: float, idepth_max: float, max_search: float
+) -> Tuple[float, float, float, float, float, float]:
+    """Where a pixel's interval of inverse depth projects.
+
+    Returns:
+        Start (x, y), its depth in units of that in the host, direction of growing idepth, and length in pixels.
+    """
+    x, y, z, _ = warp_point(warp, u, v, idepth_min)
     unbounded = math.isnan(idepth_max)
     far = idepth_min + 0.01 if unbounded else idepth_max
-    z_far = projected[2] + Kt[2] * far
-    dx = (projected[0] + Kt[0] * far) / z_far - x
-    dy = (projected[1] + Kt[1] * far) / z_far - y
+    x_far, y_far, _, _ = warp_point(warp, u, v, far)
+    dx, dy = x_far - x, y_far - y
     length = math.sqrt(dx * dx + dy * dy)
     reach = max_search if unbounded else min(length, max_search)
     moves = length >= 1e-9
-    return x, y, (dx / length if moves else 0.0), (dy / length if moves else 0.0), (reach if moves else 0.0)
+    return x, y, z, (dx / length if moves else 0.0), (dy / length if moves else 0.0), (reach if moves else 0.0)
 
 
 @kernel_noalias
@@ -130,17 +130,10 @@ def plan_searches(
         error: (n,) float64 output, what the gradient lets a search be wrong by, pixels.
         outcome: (n,) int64 output, SEARCH or the outcome of a candidate that is not searched.
     """
-    k00, k01, k02, k10, k11, k12 = KRKi[0, 0], KRKi[0, 1], KRKi[0, 2], KRKi[1, 0], KRKi[1, 1], KRKi[1, 2]
-    k20, k21, k22, kt = KRKi[2, 0], KRKi[2, 1], KRKi[2, 2], (Kt[0], Kt[1], Kt[2])
+    warp = warp_of(KRKi, Kt)
     for i in range(u.size):
         low, high = np.float64(idepth_min[i]), np.float64(idepth_max[i])
-        projected = (
-            k00 * u[i] + k01 * v[i] + k02,
-            k10 * u[i] + k11 * v[i] + k12,
-            k20 * u[i] + k21 * v[i] + k22,
-        )
-        ratio = projected[2] + kt[2] * low
-        start_x, start_y, cx, cy, reach = epipolar_segment(projected, kt, low, high, max_search)
+        start_x, start_y, ratio, cx, cy, reach = epipolar_segment(warp, u[i], v[i], low, high, max_search)
         in_view = (ratio > DEPTH_RATIO[0]) & (ratio < DEPTH_RATIO[1]) & inside(start_x, start_y, width, height)
         in_view &= inside(start_x + reach * cx, start_y + reach * cy, width, height)
         bounded = not math.isnan(high)
@@ -152,14 +145,6 @@ def plan_searches(
         outcome[i] = (trace_outcome.SKIPPED if short else searched) if in_view else trace_outcome.OUT_OF_BOUNDS
         x[i], y[i], line_x[i], line_y[i], length[i] = start_x, start_y, cx, cy, reach
         error[i] = min(uncertainty, MAX_ERROR)
-
-
-@kernel
-def idepth_at(projected: Point, Kt: np.ndarray, x: float, y: float, line_x: float, line_y: float) -> float:
-    """Inverse depth in the host of the point that projects to (x, y); uses the better conditioned coordinate."""
-    if line_x * line_x > line_y * line_y:
-        return (projected[2] * x - projected[0]) / (Kt[0] - Kt[2] * x)
-    return (projected[2] * y - projected[1]) / (Kt[1] - Kt[2] * y)
 
 
 @kernel
@@ -193,14 +178,10 @@ def search(
         candidates.interval[i] = 0.0
         return failed
 
-    u, v = candidates.u[i], candidates.v[i]
-    projected = (
-        KRKi[0, 0] * u + KRKi[0, 1] * v + KRKi[0, 2],
-        KRKi[1, 0] * u + KRKi[1, 1] * v + KRKi[1, 2],
-        KRKi[2, 0] * u + KRKi[2, 1] * v + KRKi[2, 2],
-    )
-    a = idepth_at(projected, Kt, x - error * line_x, y - error * line_y, line_x, line_y)
-    b = idepth_at(projected, Kt, x + error * line_x, y + error * line_y, line_x, line_y)
+    warp, u, v = warp_of(KRKi, Kt), candidates.u[i], candidates.v[i]
+    along_x = line_x * line_x > line_y * line_y  # the better conditioned coordinate
+    a = idepth_at(warp, u, v, x - error * line_x, y - error * line_y, along_x)
+    b = idepth_at(warp, u, v, x + error * line_x, y + error * line_y, along_x)
     idepth_min, idepth_max = max(min(a, b), 0.0), max(a, b)
     if not (math.isfinite(idepth_min) and math.isfinite(idepth_max) and idepth_max > 0.0):
         return failed

@@ -9,8 +9,8 @@ from ceiling_dso_ros.dso.adjustment.residual_kernels import COLUMNS
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.compute.linear_solver import solve_positive
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.projection import intrinsic_inverse, intrinsic_matrix, pixel_warp
 from ceiling_dso_ros.dso.tracking.tracking_kernels import step_size
-from ceiling_dso_ros.dso.window.pair_geometry import intrinsic_inverse, intrinsic_matrix
 from ceiling_dso_ros.dso.window.points import PointArrays, ResidualArrays
 
 PARAMETERS = 8  # translation, rotation, gain (as a log), offset
@@ -26,21 +26,19 @@ def linearize_level(
     system: np.ndarray,
 ) -> tuple:  # fmt: skip
     """Photometric normal equations of one level into system, (13, 13) float64; returns energy and points in view."""
-    K, K_inverse = intrinsic_matrix(intrinsics), intrinsic_inverse(intrinsics)
-    R, t = np.ascontiguousarray(T_frame_first[:3, :3]), np.ascontiguousarray(T_frame_first[:3, 3])
-    KRKi, Kt = (K @ R @ K_inverse).astype(np.float32), (K @ t).astype(np.float32)
+    KRKi, Kt = pixel_warp(intrinsic_matrix(intrinsics), intrinsic_inverse(intrinsics), T_frame_first)
     energy, in_view = sum_pair(
-        residuals.live[0, :count], 0, points, image, width, height, KRKi, Kt, np.float32(math.exp(brightness[0])),
-        np.float32(brightness[1]), np.float32(0), np.float32(threshold), residuals.state[0, :count],
-        residuals.energy[0, :count], scratch,
+        residuals.live[0, :count], 0, points, image, width, height, KRKi.astype(np.float32),
+        Kt.astype(np.float32), np.float32(math.exp(brightness[0])), np.float32(brightness[1]), np.float32(0),
+        np.float32(threshold), residuals.state[0, :count], residuals.energy[0, :count], scratch,
     )  # fmt: skip
     points.idepth_hessian[:count] = 0
     points.idepth_gradient[:count] = 0
     points.idepth_intrinsics[:, :count] = 0
     system[:] = 0.0
     add_pair(
-        points, residuals.idepth_relative[0], 0, count, intrinsics.astype(np.float32), R.astype(np.float32),
-        t.astype(np.float32), scratch, system,
+        points, residuals.idepth_relative[0], 0, count, intrinsics.astype(np.float32),
+        T_frame_first[:3, :3].astype(np.float32), T_frame_first[:3, 3].astype(np.float32), scratch, system,
     )  # fmt: skip
     return energy, in_view
 

@@ -10,8 +10,9 @@ from ceiling_dso_ros.dso.adjustment.linearization import scratch_memory
 from ceiling_dso_ros.dso.compute.linear_solver import solve_positive
 from ceiling_dso_ros.dso.config import InitializationConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.projection import level_intrinsics, viewing_rays
 from ceiling_dso_ros.dso.images.gradient_cells import TEXTURE_LEVEL, strongest_per_cell, textured_share
-from ceiling_dso_ros.dso.images.pyramid import PyramidPool, level_intrinsics
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector, SelectedPixels, squared_gradient
 from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.start.initialization_kernels import align_level, smooth
@@ -236,9 +237,8 @@ class Initializer:
     def _rays(self, index: int) -> np.ndarray:
         """Viewing rays (x, y, 1) of a level's points, (count, 3) float64."""
         level = self._levels[index]
-        fx, fy, cx, cy = level_intrinsics(self._intrinsics, index)
         u, v = level.points.u[: level.count], level.points.v[: level.count]
-        return np.stack([(u - cx) / fx, (v - cy) / fy, np.ones(level.count)], axis=1)
+        return viewing_rays(level_intrinsics(self._intrinsics, index), u, v)
 
     def _fit_plane(self) -> np.ndarray:
         """Plane n with idepth = n . ray, (3,), least squares over the informative points of the finest level."""

@@ -9,7 +9,8 @@ import numpy as np
 from ceiling_dso_ros.dso.config import TrackingConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
-from ceiling_dso_ros.dso.images.pyramid import PyramidPool, level_intrinsics
+from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.tracking.tracking_kernels import align, mean_squared_flow
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.tracking.uncertainty import Observability, unit_information

@@ -8,6 +8,15 @@ import numpy as np
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.compute.linear_solver import solve_positive
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.projection import (
+    Intrinsics,
+    in_view,
+    pose_gradient,
+    to_pixel,
+    unproject,
+    warp_of,
+    warp_point,
+)
 from ceiling_dso_ros.dso.images.interpolation import sample_gradient
 from ceiling_dso_ros.dso.images.pattern import HUBER
 
@@ -38,13 +47,9 @@ def accumulate(
     Returns:
         Sum of Huber energies, number of points in view, number of saturated ones.
     """
-    fx, fy = np.float32(intrinsics[0]), np.float32(intrinsics[1])
-    cx, cy = np.float32(intrinsics[2]), np.float32(intrinsics[3])
-    fx_inverse, fy_inverse = ONE / fx, ONE / fy
-    T = T_frame_reference.astype(np.float32)
-    r00, r01, r02, tx = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
-    r10, r11, r12, ty = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
-    r20, r21, r22, tz = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    intrinsics32, T = intrinsics.astype(np.float32), T_frame_reference.astype(np.float32)
+    camera = Intrinsics(intrinsics32[0], intrinsics32[1], intrinsics32[2], intrinsics32[3])
+    motion = warp_of(T[:3, :3], T[:3, 3])
     gain32, offset_ref32, offset32 = np.float32(gain), np.float32(offset_reference), np.float32(offset_frame)
     cutoff32 = np.float32(cutoff)
     energy_cap = TWO * HUBER * cutoff32 - HUBER * HUBER
@@ -59,35 +64,25 @@ def accumulate(
     h77 = h78 = ZERO
     h88 = ZERO
     energy = ZERO
-    in_view, saturated = 0, 0
+    seen, saturated = 0, 0
     for i in range(u.size):
-        x_ref, y_ref, rho = (u[i] - cx) * fx_inverse, (v[i] - cy) * fy_inverse, idepth[i]
-        z = r20 * x_ref + r21 * y_ref + r22 + tz * rho
-        z_inverse = ONE / z
-        x = (r00 * x_ref + r01 * y_ref + r02 + tx * rho) * z_inverse
-        y = (r10 * x_ref + r11 * y_ref + r12 + ty * rho) * z_inverse
-        px, py = fx * x + cx, fy * y + cy
-        if not (px > TWO and py > TWO and px < right and py < bottom and z > ZERO):
+        x_reference, y_reference = unproject(camera, u[i], v[i])
+        x, y, z, z_inverse = warp_point(motion, x_reference, y_reference, idepth[i])
+        column, row = to_pixel(camera, x, y)
+        if not in_view(column, row, z, right, bottom):
             continue
-        value, grad_x, grad_y = sample_gradient(image, width, px, py)
+        value, grad_x, grad_y = sample_gradient(image, width, column, row)
         reference_value = gain32 * (grey[i] - offset_ref32)
         residual = value - offset32 - reference_value
         magnitude = abs(residual)
-        in_view += 1
+        seen += 1
         if magnitude > cutoff32:
             energy += energy_cap
             saturated += 1
             continue
         weight = HUBER / max(magnitude, HUBER)
         energy += weight * residual * residual * (TWO - weight)
-        new_idepth = rho * z_inverse
-        gx, gy = grad_x * fx, grad_y * fy
-        j0 = new_idepth * gx
-        j1 = new_idepth * gy
-        j2 = -new_idepth * (x * gx + y * gy)
-        j3 = -(x * y * gx + (ONE + y * y) * gy)
-        j4 = (ONE + x * x) * gx + x * y * gy
-        j5 = x * gy - y * gx
+        j0, j1, j2, j3, j4, j5 = pose_gradient(x, y, idepth[i] * z_inverse, grad_x * camera.fx, grad_y * camera.fy)
         j6 = -reference_value
         j7 = -ONE
         w0 = weight * j0
@@ -162,7 +157,7 @@ def accumulate(
     row[7], row[8] = h77, h78
     row = system[8]
     row[8] = h88
-    return np.float64(energy), in_view, saturated
+    return np.float64(energy), seen, saturated
 
 
 @kernel
@@ -238,19 +233,18 @@ def mean_squared_flow(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, intrinsics: np.ndarray, T_frame_reference: np.ndarray
 ) -> Tuple[float, float]:
     """Mean squared shift of points in pixels^2, by the translation alone and by the whole motion."""
-    fx, fy, cx, cy = intrinsics
-    T = T_frame_reference
+    camera = Intrinsics(intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
+    R, t = T_frame_reference[:3, :3], T_frame_reference[:3, 3]
+    translation, motion = warp_of(np.eye(3), t), warp_of(R, t)
     by_translation, by_motion, count = 0.0, 0.0, 0
     for i in range(u.size):
-        x, y, rho = (u[i] - cx) / fx, (v[i] - cy) / fy, idepth[i]
-        z_translated = 1.0 + T[2, 3] * rho
-        z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * rho
-        if z_translated <= 0.0 or z <= 0.0:
+        x, y = unproject(camera, u[i], v[i])
+        x_translated, y_translated, z_translated, _ = warp_point(translation, x, y, idepth[i])
+        x_moved, y_moved, z_moved, _ = warp_point(motion, x, y, idepth[i])
+        if z_translated <= 0.0 or z_moved <= 0.0:
             continue
-        shift_x = fx * ((x + T[0, 3] * rho) / z_translated - x)
-        shift_y = fy * ((y + T[1, 3] * rho) / z_translated - y)
-        motion_x = fx * ((T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * rho) / z - x)
-        motion_y = fy * ((T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * rho) / z - y)
+        shift_x, shift_y = camera.fx * (x_translated - x), camera.fy * (y_translated - y)
+        motion_x, motion_y = camera.fx * (x_moved - x), camera.fy * (y_moved - y)
         by_translation += shift_x * shift_x + shift_y * shift_y
         by_motion += motion_x * motion_x + motion_y * motion_y
         count += 1

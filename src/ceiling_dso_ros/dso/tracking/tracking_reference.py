@@ -7,9 +7,8 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.images.pyramid import PyramidShape
-from ceiling_dso_ros.dso.mapping.activation_kernels import project
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
-from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry
+from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry, project_points
 from ceiling_dso_ros.dso.window.points import INLIER
 
 BORDER = 2
@@ -177,7 +176,7 @@ class ReferenceBuilder:
         )
         pairs = pair_geometry(window.keyframes, window.count, window.intrinsics)
         x, y, idepth = (np.empty(visible.size, np.float32) for _ in range(3))
-        project(
+        project_points(
             points.u[visible],
             points.v[visible],
             points.idepth[visible],

@@ -12,6 +12,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.projection import Intrinsics, pose_jacobian, unproject, warp_of, warp_point
 
 # Neighbouring points share depth errors, and the pose of the keyframe has an error of its own, so that residuals count
 # for far less than as many independent ones. Measured: simulated drives on three ceilings, 848x480.
@@ -42,25 +43,21 @@ def unit_information(
         intrinsics: (4,) float64.
         T_frame_reference: (4, 4) float64, the motion; its left increment is what K refers to.
     """
-    fx, fy, cx, cy = intrinsics
-    T = T_frame_reference
+    camera = Intrinsics(intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
+    motion = warp_of(T_frame_reference[:3, :3], T_frame_reference[:3, 3])
     total = np.zeros((6, 6))
-    column = np.empty((2, 6))
+    K = np.empty((2, 6))
     for i in range(u.size):
-        x_reference, y_reference, rho = (u[i] - cx) / fx, (v[i] - cy) / fy, idepth[i]
-        z = T[2, 0] * x_reference + T[2, 1] * y_reference + T[2, 2] + T[2, 3] * rho
+        x_reference, y_reference = unproject(camera, u[i], v[i])
+        x, y, z, z_inverse = warp_point(motion, x_reference, y_reference, idepth[i])
         if z <= 0.0:
             continue
-        x = (T[0, 0] * x_reference + T[0, 1] * y_reference + T[0, 2] + T[0, 3] * rho) / z
-        y = (T[1, 0] * x_reference + T[1, 1] * y_reference + T[1, 2] + T[1, 3] * rho) / z
-        d = rho / z
-        column[0, 0], column[0, 1], column[0, 2] = fx * d, 0.0, -fx * d * x
-        column[0, 3], column[0, 4], column[0, 5] = -fx * x * y, fx * (1.0 + x * x), -fx * y
-        column[1, 0], column[1, 1], column[1, 2] = 0.0, fy * d, -fy * d * y
-        column[1, 3], column[1, 4], column[1, 5] = -fy * (1.0 + y * y), fy * x * y, fy * x
+        of_u, of_v = pose_jacobian(camera, x, y, idepth[i] * z_inverse)
+        K[0, 0], K[0, 1], K[0, 2], K[0, 3], K[0, 4], K[0, 5] = of_u
+        K[1, 0], K[1, 1], K[1, 2], K[1, 3], K[1, 4], K[1, 5] = of_v
         for a in range(6):
             for b in range(6):
-                total[a, b] += column[0, a] * column[0, b] + column[1, a] * column[1, b]
+                total[a, b] += K[0, a] * K[0, b] + K[1, a] * K[1, b]
     return total
 
 

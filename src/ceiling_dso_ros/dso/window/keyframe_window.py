@@ -8,6 +8,7 @@ from ceiling_dso_ros.dso.compute.struct_of_arrays import struct_of_arrays
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
@@ -169,10 +170,9 @@ class KeyframeWindow:
         """Those of the points whose mask, (points,) bool, is True and whose inverse depth is positive."""
         arrays, count = self.points.arrays, self.points.count
         indices = np.flatnonzero(chosen & (arrays.idepth[:count] > 0.0))
-        fx, fy, cx, cy = self.intrinsics
         u, v, idepth = (array[indices].astype(np.float64) for array in (arrays.u, arrays.v, arrays.idepth))
         return HostedPoints(
             keyframe_id=np.array(self.ids, np.int64)[arrays.host[indices]],
-            position_camera=np.column_stack([(u - cx) / fx, (v - cy) / fy, np.ones(indices.size)]) / idepth[:, None],
+            position_camera=viewing_rays(self.intrinsics, u, v) / idepth[:, None],
             grey=arrays.grey[:, :count].mean(axis=0)[indices],  # ten times faster than the mean of those chosen
         )

@@ -7,6 +7,13 @@ import numpy as np
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.compute.struct_of_arrays import struct_of_arrays
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.projection import (
+    intrinsic_inverse,
+    intrinsic_matrix,
+    pixel_warp,
+    warp_of,
+    warp_point,
+)
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeArrays
 
 
@@ -34,23 +41,6 @@ class PairGeometry(NamedTuple):
 
 
 @kernel
-def intrinsic_matrix(intrinsics: np.ndarray) -> np.ndarray:
-    """K, (3, 3) float64, of (fx, fy, cx, cy)."""
-    K = np.eye(3)
-    K[0, 0], K[1, 1], K[0, 2], K[1, 2] = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
-    return K
-
-
-@kernel
-def intrinsic_inverse(intrinsics: np.ndarray) -> np.ndarray:
-    """Inverse of K, (3, 3) float64, of (fx, fy, cx, cy)."""
-    fx, fy, cx, cy = intrinsics
-    K = np.eye(3)
-    K[0, 0], K[1, 1], K[0, 2], K[1, 2] = 1.0 / fx, 1.0 / fy, -cx / fx, -cy / fy
-    return K
-
-
-@kernel
 def fill_pairs(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray, pairs: PairGeometry) -> None:
     """Fill in the geometry of the pairs of the first n keyframes."""
     K, K_inverse = intrinsic_matrix(intrinsics), intrinsic_inverse(intrinsics)
@@ -62,8 +52,8 @@ def fill_pairs(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray, pairs:
                 continue
             T = keyframes.T_camera_world[target] @ T_world_host
             T_eval = keyframes.T_camera_world_eval[target] @ T_world_host_eval
-            pairs.KRKi[host, target] = (K @ np.ascontiguousarray(T[:3, :3]) @ K_inverse).astype(np.float32)
-            pairs.Kt[host, target] = (K @ np.ascontiguousarray(T[:3, 3])).astype(np.float32)
+            KRKi, Kt = pixel_warp(K, K_inverse, T)
+            pairs.KRKi[host, target], pairs.Kt[host, target] = KRKi.astype(np.float32), Kt.astype(np.float32)
             ratio = keyframes.exposure[target] / keyframes.exposure[host]
             gain = ratio * np.exp(keyframes.affine[target, 0] - keyframes.affine[host, 0])
             pairs.gain[host, target] = gain
@@ -90,3 +80,18 @@ def pair_geometry(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray) -> 
     )
     fill_pairs(keyframes, n, intrinsics, pairs)
     return pairs
+
+
+@kernel
+def project_points(
+    u: np.ndarray, v: np.ndarray, idepth: np.ndarray, host: np.ndarray, pairs: PairGeometry, target: int,
+    x: np.ndarray, y: np.ndarray, new_idepth: np.ndarray,
+) -> None:  # fmt: skip
+    """Pixel and inverse depth of points in a target keyframe; float32. Points hosted there stay where they are."""
+    for i in range(u.size):
+        if host[i] == target:
+            x[i], y[i], new_idepth[i] = u[i], v[i], idepth[i]
+            continue
+        warp = warp_of(pairs.KRKi[host[i], target], pairs.Kt[host[i], target])
+        x[i], y[i], _, z_inverse = warp_point(warp, u[i], v[i], idepth[i])
+        new_idepth[i] = idepth[i] * z_inverse

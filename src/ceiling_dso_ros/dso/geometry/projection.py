@@ -1,0 +1,216 @@
+"""The projection of a point into another image, equation (5): the only place that knows the camera's model.
+
+A host's pixel p with the inverse depth d, measured along the host's optical axis, is seen in a target at
+
+    p' = Pi(R Pi^-1(p, d) + t),   Pi(X, Y, Z) = (fx X / Z + cx, fy Y / Z + cy),   Pi^-1(u, v, d) = K^-1 (u, v, 1) / d.
+
+Multiplied by d, which the division by Z cancels, it is K R K^-1 (u, v, 1) + d K t, and on normalised coordinates
+(x, y) = ((u - cx) / fx, (v - cy) / fy) it is R (x, y, 1) + d t. Both are a `Warp`: a matrix, a vector and a division.
+
+The functions work on scalars, float32 or float64 as their arguments, and become part of the kernels that call them. Who
+loops over points makes the `Warp` and `Intrinsics` before the loop.
+"""
+
+from typing import Any, NamedTuple, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
+
+ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
+
+
+class Intrinsics(NamedTuple):
+    """Focal lengths and principal point in pixels."""
+
+    fx: Any
+    fy: Any
+    cx: Any
+    cy: Any
+
+
+class Warp(NamedTuple):
+    """M = ((xx, xy, x1), (yx, yy, y1), (zx, zy, z1)) and t = (tx, ty, tz): M (a, b, 1) + idepth t, then the division.
+
+    From pixels to pixels M and t are K R K^-1 and K t, from normalised coordinates to such R and t.
+    """
+
+    xx: Any
+    xy: Any
+    x1: Any
+    yx: Any
+    yy: Any
+    y1: Any
+    zx: Any
+    zy: Any
+    z1: Any
+    tx: Any
+    ty: Any
+    tz: Any
+
+
+@kernel
+def intrinsic_matrix(intrinsics: np.ndarray) -> np.ndarray:
+    """K, (3, 3) float64, of (fx, fy, cx, cy)."""
+    K = np.eye(3)
+    K[0, 0], K[1, 1], K[0, 2], K[1, 2] = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    return K
+
+
+@kernel
+def intrinsic_inverse(intrinsics: np.ndarray) -> np.ndarray:
+    """Inverse of K, (3, 3) float64, of (fx, fy, cx, cy)."""
+    fx, fy, cx, cy = intrinsics
+    K = np.eye(3)
+    K[0, 0], K[1, 1], K[0, 2], K[1, 2] = 1.0 / fx, 1.0 / fy, -cx / fx, -cy / fy
+    return K
+
+
+def level_intrinsics(intrinsics: np.ndarray, level: int) -> np.ndarray:
+    """(fx, fy, cx, cy) float64 on a pyramid level, with integer coordinates at pixel centres."""
+    fx, fy, cx, cy = intrinsics
+    scale = 1.0 / (1 << level)
+    return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
+
+
+@kernel
+def pixel_warp(K: np.ndarray, K_inverse: np.ndarray, T_target_host: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """K R K^-1, (3, 3), and K t, (3,), float64, of a motion (4, 4) between two images of the camera K."""
+    R, t = np.ascontiguousarray(T_target_host[:3, :3]), np.ascontiguousarray(T_target_host[:3, 3])
+    return K @ R @ K_inverse, K @ t
+
+
+@kernel_inlined
+def warp_of(M: np.ndarray, t: np.ndarray) -> Warp:
+    """The warp of a matrix (3, 3) and a vector (3,)."""
+    return Warp(
+        M[0, 0], M[0, 1], M[0, 2], M[1, 0], M[1, 1], M[1, 2], M[2, 0], M[2, 1], M[2, 2], t[0], t[1], t[2]
+    )  # fmt: skip
+
+
+def normalized(intrinsics: Intrinsics, u: np.ndarray, v: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Normalised coordinates of pixels: where their rays meet the plane at depth 1."""
+    return (u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy
+
+
+unproject = kernel_inlined(normalized)  # the same for one pixel, in kernels
+
+
+def viewing_rays(intrinsics: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(x, y, 1), (n, 3) float64, of pixels (n,): a pixel of inverse depth d is the point ray / d of the camera."""
+    x, y = normalized(Intrinsics(*intrinsics), u, v)
+    return np.stack([x, y, np.ones(len(x))], axis=1)
+
+
+@kernel_inlined
+def to_pixel(intrinsics: Intrinsics, x: float, y: float) -> Tuple[float, float]:
+    """Pixel (u, v) of normalised coordinates."""
+    return intrinsics.fx * x + intrinsics.cx, intrinsics.fy * y + intrinsics.cy
+
+
+@kernel_inlined
+def warp_infinite(warp: Warp, a: float, b: float) -> Tuple[float, float, float]:
+    """M (a, b, 1): where the point is seen at inverse depth 0, not yet divided."""
+    return (
+        warp.xx * a + warp.xy * b + warp.x1,
+        warp.yx * a + warp.yy * b + warp.y1,
+        warp.zx * a + warp.zy * b + warp.z1,
+    )
+
+
+@kernel_inlined
+def warp_point(warp: Warp, a: float, b: float, idepth: float) -> Tuple[float, float, float, float]:
+    """Where a point is seen in the target.
+
+    Args:
+        a, b: pixel or normalised coordinates in the host, as the warp has them.
+        idepth: inverse depth in the host.
+
+    Returns:
+        (x, y) in the target, its depth there in units of that in the host, and one over that: times idepth it is the
+        inverse depth in the target. (x, y) has a meaning only if the depth is positive.
+    """
+    infinite_x, infinite_y, infinite_z = warp_infinite(warp, a, b)
+    z = infinite_z + warp.tz * idepth
+    z_inverse = ONE / z
+    return (infinite_x + warp.tx * idepth) * z_inverse, (infinite_y + warp.ty * idepth) * z_inverse, z, z_inverse
+
+
+@kernel_inlined
+def in_view(x: float, y: float, z: float, right: float, bottom: float) -> bool:
+    """Whether a pixel before the camera can be sampled: more than 2 from the first ones, less than right and bottom."""
+    return (x > TWO) & (y > TWO) & (x < right) & (y < bottom) & (z > ZERO)
+
+
+@kernel_inlined
+def epipolar_direction(warp: Warp, x: float, y: float) -> Tuple[float, float]:
+    """Which way the point seen at (x, y) moves as its idepth grows; over z it is the derivative by idepth."""
+    return warp.tx - x * warp.tz, warp.ty - y * warp.tz
+
+
+@kernel_inlined
+def idepth_at(warp: Warp, a: float, b: float, x: float, y: float, along_x: bool) -> float:
+    """Inverse depth in the host of the point (a, b) that is seen at (x, y): `warp_point` solved for x, or for y."""
+    infinite_x, infinite_y, infinite_z = warp_infinite(warp, a, b)
+    direction_x, direction_y = epipolar_direction(warp, x, y)
+    if along_x:
+        return (infinite_z * x - infinite_x) / direction_x
+    return (infinite_z * y - infinite_y) / direction_y
+
+
+@kernel_inlined
+def pose_jacobian(intrinsics: Intrinsics, x: float, y: float, idepth: float) -> Tuple:
+    """Derivatives of the pixel of a point by a left increment (translation, rotation) of its motion into the camera.
+
+    Args:
+        x, y, idepth: normalised coordinates and inverse depth in that camera.
+
+    Returns:
+        Six derivatives of u, and six of v.
+    """
+    fx, fy = intrinsics.fx, intrinsics.fy
+    of_u = (fx * idepth, ZERO, -fx * idepth * x, -fx * x * y, fx * (ONE + x * x), -fx * y)
+    of_v = (ZERO, fy * idepth, -fy * idepth * y, -fy * (ONE + y * y), fy * x * y, fy * x)
+    return of_u, of_v
+
+
+@kernel_inlined
+def pose_gradient(x: float, y: float, idepth: float, gx: float, gy: float) -> Tuple:
+    """Six derivatives of a grey value by the increment of `pose_jacobian`.
+
+    Args:
+        x, y, idepth: as there.
+        gx, gy: derivatives of the grey value by x and y: the image gradient times (fx, fy).
+    """
+    return (
+        idepth * gx, idepth * gy, -idepth * (x * gx + y * gy),
+        -(x * y * gx + (ONE + y * y) * gy), (ONE + x * x) * gx + x * y * gy, x * gy - y * gx,
+    )  # fmt: skip
+
+
+@kernel_inlined
+def projection_jacobian(intrinsics: Intrinsics, motion: Warp, u: float, v: float, idepth: float) -> Tuple:
+    """Derivatives of the projected pixel of equation (5).
+
+    Args:
+        motion: R, t from host to target, on normalised coordinates.
+        u, v, idepth: the host's pixel and inverse depth.
+
+    Returns:
+        Twenty-two numbers: d u' / d (fx, fy, cx, cy, translation, rotation, idepth), then the same for v'. Translation
+        and rotation are a left increment on the motion.
+    """
+    fx, fy = intrinsics.fx, intrinsics.fy
+    x_host, y_host = unproject(intrinsics, u, v)
+    x, y, _, z_inverse = warp_point(motion, x_host, y_host, idepth)
+    x_by_x_host, x_by_y_host = (motion.xx - motion.zx * x) * z_inverse, (motion.xy - motion.zy * x) * z_inverse
+    y_by_x_host, y_by_y_host = (motion.yx - motion.zx * y) * z_inverse, (motion.yy - motion.zy * y) * z_inverse
+    aspect = fx / fy
+    pose_u, pose_v = pose_jacobian(intrinsics, x, y, idepth * z_inverse)
+    direction_x, direction_y = epipolar_direction(motion, x, y)
+    return (
+        x - x_host * x_by_x_host, -aspect * y_host * x_by_y_host, ONE - x_by_x_host, -aspect * x_by_y_host,
+        *pose_u, fx * direction_x * z_inverse,
+        -x_host * y_by_x_host / aspect, y - y_host * y_by_y_host, -y_by_x_host / aspect, ONE - y_by_y_host,
+        *pose_v, fy * direction_y * z_inverse,
+    )  # fmt: skip
