@@ -20,7 +20,7 @@ import numpy as np
 from ceiling_dso_ros.dso.compute.jit import cache_folders
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
-from ceiling_dso_ros.dso.geometry.projection import Intrinsics, normalized
+from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.images.interpolation import sample
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 
@@ -31,7 +31,7 @@ KEYFRAMES = 6  # enough that keyframes are marginalised
 def textured_plane(camera: PinholeCamera, shift: float) -> np.ndarray:
     """A wavy surface at about unit depth, seen after moving sideways by `shift` depths; (height, width) float32."""
     v, u = np.mgrid[: camera.height, : camera.width]
-    x, y = normalized(Intrinsics(*camera.parameters), u, v)
+    x, y, _ = np.moveaxis(viewing_rays(camera.parameters, u, v), -1, 0)
     x = x + shift * (1.0 + 0.2 * np.sin(9.0 * y))
     waves = np.random.default_rng(0).normal(size=(16, 3)) * (45.0, 45.0, 3.0)
     grey = sum(np.cos(fx * x + fy * y + phase) for fx, fy, phase in waves)

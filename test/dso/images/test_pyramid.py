@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
 from ceiling_dso_ros.dso.images.interpolation import sample
-from ceiling_dso_ros.dso.images.pyramid import PyramidPool, PyramidShape, level_intrinsics
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool, PyramidShape
 
 CAMERA = PinholeCamera(200.0, 210.0, 151.0, 117.0, 320, 240)
 

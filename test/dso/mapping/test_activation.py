@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from synthetic import AFFINES, EXPOSURES, POSES, SHARP, Surface, add_keyframe, empty_window, random_pixels, true_window
+from synthetic import AFFINES, EXPOSURES, POSES, SHARP, Surface, add_keyframe, empty_window, random_pixels
 
 from ceiling_dso_ros.dso.config import ActivationConfig
 from ceiling_dso_ros.dso.images.selection import PixelSelector
@@ -10,14 +10,13 @@ from ceiling_dso_ros.dso.mapping.activation import Activator
 from ceiling_dso_ros.dso.mapping.activation_kernels import (
     depth_energies,
     new_sums,
-    project,
     refine_idepths,
     spread,
     stamp_distance,
 )
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY
-from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry
+from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry, project_points
 from ceiling_dso_ros.dso.window.points import INLIER
 
 SURFACE = Surface(slope=(0.15, -0.1), relief=0.05, texture=SHARP)
@@ -74,17 +73,6 @@ def test_spread_keeps_distances(spacing):
             taken.append((c, r))
     np.testing.assert_array_equal(accepted, expected)
     assert 20 < accepted.sum() < 800
-
-
-def test_projection_into_the_newest_keyframe():
-    window = true_window(30, surface=SURFACE)
-    pairs = pair_geometry(window.keyframes, 3, window.intrinsics)
-    p = window.points.arrays
-    x, y, idepth = (np.empty(90, np.float32) for _ in range(3))
-    project(p.u[:90], p.v[:90], p.idepth[:90], p.host[:90], pairs, 2, x, y, idepth)
-    np.testing.assert_allclose(idepth, SURFACE.idepth(POSES[2], x, y), rtol=1e-4)
-    np.testing.assert_array_equal(x[60:], p.u[60:90])
-    assert np.abs(x[:60] - p.u[:60]).min() > 0.5
 
 
 def columns(window, chosen):
@@ -189,7 +177,7 @@ def test_activated_points_are_spread_and_right():
     K = window.keyframes
     pairs = pair_geometry(K, 3, window.intrinsics)
     x, y, _ = (np.empty(activated, np.float32) for _ in range(3))
-    project(p.u[:activated], p.v[:activated], p.idepth[:activated], p.host[:activated], pairs, 2, x, y, _)
+    project_points(p.u[:activated], p.v[:activated], p.idepth[:activated], p.host[:activated], pairs, 2, x, y, _)
     distances = np.hypot(x[:, None] - x, y[:, None] - y) / 2  # in half-resolution pixels
     np.fill_diagonal(distances, np.inf)
     # depths moved after the spreading and positions were rounded to pixels: a pixel of play

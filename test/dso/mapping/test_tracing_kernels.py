@@ -6,9 +6,10 @@ from synthetic import SHARP, Surface
 
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import idepth_at, pixel_warp, warp_of
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector, SelectedPixels
-from ceiling_dso_ros.dso.mapping.tracing_kernels import best_step, epipolar_segment, idepth_at, trace_host
+from ceiling_dso_ros.dso.mapping.tracing_kernels import best_step, epipolar_segment, trace_host
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
 
@@ -172,7 +173,9 @@ def test_epipolar_segment_and_idepth_are_inverse(translation):
     K, T = CAMERA.matrix, se3.exp(np.array([*translation, 0.02, 0.01, 0.2]))
     Kt = K @ T[:3, 3]
     projected = K @ T[:3, :3] @ np.linalg.inv(K) @ [100.0, 80.0, 1.0]
-    x, y, line_x, line_y, length = epipolar_segment(projected, Kt, 0.5, 1.5, 100.0)
+    warp = warp_of(*pixel_warp(K, np.linalg.inv(K), T))
+    x, y, ratio, line_x, line_y, length = epipolar_segment(warp, 100.0, 80.0, 0.5, 1.5, 100.0)
+    assert ratio == pytest.approx(projected[2] + 0.5 * Kt[2])
     assert np.hypot(line_x, line_y) == pytest.approx(1.0)
     for idepth in (0.5, 0.9, 1.5):
         pixel = projected + Kt * idepth
@@ -181,7 +184,7 @@ def test_epipolar_segment_and_idepth_are_inverse(translation):
         assert along >= -1e-9
         assert along <= length + 1e-9
         np.testing.assert_allclose([x + along * line_x, y + along * line_y], pixel, atol=1e-9)
-        assert idepth_at(projected, Kt, *pixel, line_x, line_y) == pytest.approx(idepth)
+        assert idepth_at(warp, 100.0, 80.0, *pixel, abs(line_x) > abs(line_y)) == pytest.approx(idepth)
     assert along == pytest.approx(length)
-    assert epipolar_segment(projected, Kt, 0.5, np.nan, 7.0)[4] == 7.0
-    assert epipolar_segment(projected, Kt, 0.5, 1.5, 2.0)[4] == 2.0
+    assert epipolar_segment(warp, 100.0, 80.0, 0.5, np.nan, 7.0)[5] == 7.0
+    assert epipolar_segment(warp, 100.0, 80.0, 0.5, 1.5, 2.0)[5] == 2.0

@@ -9,7 +9,8 @@ from synthetic import CAMERA, Surface
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.config import TrackingConfig
 from ceiling_dso_ros.dso.geometry import se3
-from ceiling_dso_ros.dso.images.pyramid import PyramidPool, level_intrinsics
+from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
+from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.tracking import frame_tracker as tracking
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker, motion_hypotheses
 from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceLevel, TrackingReference

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic import AFFINES, EXPOSURES, POSES, Surface, linearized, true_window
 
-from ceiling_dso_ros.dso.images.pyramid import level_intrinsics
+from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
 from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceBuilder, collect, splat, sum_down
 from ceiling_dso_ros.dso.window.points import OUTLIER
 

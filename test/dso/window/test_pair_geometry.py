@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from synthetic import AFFINES, EXPOSURES, POSES, true_window
+from synthetic import AFFINES, EXPOSURES, POSES, RELIEF, true_window
 
 from ceiling_dso_ros.dso.geometry import se3
-from ceiling_dso_ros.dso.window.pair_geometry import intrinsic_inverse, intrinsic_matrix, pair_geometry
+from ceiling_dso_ros.dso.geometry.projection import intrinsic_matrix
+from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry, project_points
 
 PAIRS = [(h, t) for h in range(3) for t in range(3) if h != t]
 
@@ -17,12 +18,6 @@ def moved():
     step = 0.01 * np.random.default_rng(0).normal(size=28)
     window.move(step)
     return window, step, pair_geometry(window.keyframes, 3, window.intrinsics)
-
-
-def test_intrinsic_matrix_and_inverse():
-    K = intrinsic_matrix(np.array([200.0, 210.0, 151.0, 117.0]))
-    assert K.tolist() == [[200, 0, 151], [0, 210, 117], [0, 0, 1]]
-    np.testing.assert_allclose(intrinsic_inverse(np.array([200.0, 210.0, 151.0, 117.0])), np.linalg.inv(K), atol=1e-15)
 
 
 @pytest.mark.parametrize(("host", "target"), PAIRS)
@@ -58,3 +53,14 @@ def test_evaluation_point_stays(moved, host, target):
     np.testing.assert_allclose(pairs.adjoint_eval[host, target], se3.adjoint(T), atol=1e-12)
     ratio = EXPOSURES[target] / EXPOSURES[host] * np.exp(AFFINES[target][0] - AFFINES[host][0])
     assert pairs.gain_eval[host, target] == pytest.approx(ratio, rel=1e-6)
+
+
+def test_projection_into_the_newest_keyframe():
+    window = true_window(30, surface=RELIEF)
+    pairs = pair_geometry(window.keyframes, 3, window.intrinsics)
+    p = window.points.arrays
+    x, y, idepth = (np.empty(90, np.float32) for _ in range(3))
+    project_points(p.u[:90], p.v[:90], p.idepth[:90], p.host[:90], pairs, 2, x, y, idepth)
+    np.testing.assert_allclose(idepth, RELIEF.idepth(POSES[2], x, y), rtol=1e-4)
+    np.testing.assert_array_equal(x[60:], p.u[60:90])
+    assert np.abs(x[:60] - p.u[:60]).min() > 0.5

@@ -12,7 +12,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
 from ceiling_dso_ros.dso.compute.struct_of_arrays import struct_of_arrays
-from ceiling_dso_ros.dso.geometry.projection import Intrinsics, in_view, projection_jacobian, warp_of, warp_point
+from ceiling_dso_ros.dso.geometry.projection import in_view, intrinsics_of, projection_jacobian, warp_of, warp_point
 from ceiling_dso_ros.dso.images.interpolation import sample_gradient
 from ceiling_dso_ros.dso.images.pattern import GRADIENT_WEIGHT, HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 
@@ -85,11 +85,10 @@ def add_pixel(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray, weight_host: np.ndarray, sums: PixelSums,
 ) -> None:  # fmt: skip
     """Add one pixel of the pattern of every point to the sums."""
-    right, bottom = np.float32(width - 3), np.float32(height - 3)
     warp = warp_of(KRKi, Kt)
     for i in range(u.size):
         x, y, z, _ = warp_point(warp, u[i] + pattern_x, v[i] + pattern_y, idepth[i])
-        inside = in_view(x, y, z, right, bottom)
+        inside = in_view(x, y, z, width, height)
         x, y = (x if inside else TWO), (y if inside else TWO)
         value, gx, gy = sample_gradient(image, width, x, y)
         residual = value - gain * grey[i] - offset
@@ -169,7 +168,7 @@ def fill_jacobian(
     rows_x: Tuple, rows_y: Tuple,
 ) -> None:  # fmt: skip
     """Store `projection_jacobian` of every point: rows_x[c][i], rows_y[c][i] with c = 0..9 geometry, 10 idepth."""
-    camera, motion = Intrinsics(intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]), warp_of(R, t)
+    camera, motion = intrinsics_of(intrinsics), warp_of(R, t)
     for i in range(u.size):
         j = projection_jacobian(camera, motion, u[i], v[i], idepth[i])
         rows_x[0][i], rows_x[1][i], rows_x[2][i], rows_x[3][i] = j[0], j[1], j[2], j[3]

@@ -7,11 +7,11 @@ A host's pixel p with the inverse depth d, measured along the host's optical axi
 Multiplied by d, which the division by Z cancels, it is K R K^-1 (u, v, 1) + d K t, and on normalised coordinates
 (x, y) = ((u - cx) / fx, (v - cy) / fy) it is R (x, y, 1) + d t. Both are a `Warp`: a matrix, a vector and a division.
 
-The functions work on scalars, float32 or float64 as their arguments, and become part of the kernels that call them. Who
-loops over points makes the `Warp` and `Intrinsics` before the loop.
+Functions of scalars compute in the type of their arguments, float32 or float64, and are inlined where kernels call
+them. A kernel that loops over points makes `Warp` and `Intrinsics` before its loop.
 """
 
-from typing import Any, NamedTuple, Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -23,10 +23,10 @@ ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 class Intrinsics(NamedTuple):
     """Focal lengths and principal point in pixels."""
 
-    fx: Any
-    fy: Any
-    cx: Any
-    cy: Any
+    fx: float
+    fy: float
+    cx: float
+    cy: float
 
 
 class Warp(NamedTuple):
@@ -35,18 +35,18 @@ class Warp(NamedTuple):
     From pixels to pixels M and t are K R K^-1 and K t, from normalised coordinates to such R and t.
     """
 
-    xx: Any
-    xy: Any
-    x1: Any
-    yx: Any
-    yy: Any
-    y1: Any
-    zx: Any
-    zy: Any
-    z1: Any
-    tx: Any
-    ty: Any
-    tz: Any
+    xx: float
+    xy: float
+    x1: float
+    yx: float
+    yy: float
+    y1: float
+    zx: float
+    zy: float
+    z1: float
+    tx: float
+    ty: float
+    tz: float
 
 
 @kernel
@@ -81,6 +81,12 @@ def pixel_warp(K: np.ndarray, K_inverse: np.ndarray, T_target_host: np.ndarray) 
 
 
 @kernel_inlined
+def intrinsics_of(values: np.ndarray) -> Intrinsics:
+    """The intrinsics in an array (fx, fy, cx, cy)."""
+    return Intrinsics(values[0], values[1], values[2], values[3])
+
+
+@kernel_inlined
 def warp_of(M: np.ndarray, t: np.ndarray) -> Warp:
     """The warp of a matrix (3, 3) and a vector (3,)."""
     return Warp(
@@ -89,17 +95,25 @@ def warp_of(M: np.ndarray, t: np.ndarray) -> Warp:
 
 
 def normalized(intrinsics: Intrinsics, u: np.ndarray, v: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Normalised coordinates of pixels: where their rays meet the plane at depth 1."""
+    """Normalised coordinates (x, y) of pixels, for numpy; kernels have `unproject`, which is compiled from it."""
     return (u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy
 
 
-unproject = kernel_inlined(normalized)  # the same for one pixel, in kernels
+unproject = kernel_inlined(normalized)
 
 
 def viewing_rays(intrinsics: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(x, y, 1), (n, 3) float64, of pixels (n,): a pixel of inverse depth d is the point ray / d of the camera."""
+    """Viewing rays (x, y, 1) of pixels: one of inverse depth d shows the point ray / d.
+
+    Args:
+        intrinsics: (fx, fy, cx, cy), (4,) float64.
+        u, v: pixels, of any one shape.
+
+    Returns:
+        (..., 3) float64.
+    """
     x, y = normalized(Intrinsics(*intrinsics), u, v)
-    return np.stack([x, y, np.ones(len(x))], axis=1)
+    return np.stack([x, y, np.ones(np.shape(x))], axis=-1)
 
 
 @kernel_inlined
@@ -137,14 +151,21 @@ def warp_point(warp: Warp, a: float, b: float, idepth: float) -> Tuple[float, fl
 
 
 @kernel_inlined
-def in_view(x: float, y: float, z: float, right: float, bottom: float) -> bool:
-    """Whether a pixel before the camera can be sampled: more than 2 from the first ones, less than right and bottom."""
-    return (x > TWO) & (y > TWO) & (x < right) & (y < bottom) & (z > ZERO)
+def warp_offset(warp: Warp, a: float, b: float) -> Tuple[float, float]:
+    """How an offset (a, b) between neighbouring points looks in the target, for a motion that changes depths little."""
+    return warp.xx * a + warp.xy * b, warp.yx * a + warp.yy * b
+
+
+@kernel_inlined
+def in_view(u: float, v: float, z: float, width: int, height: int) -> bool:
+    """Whether a point at pixel (u, v) and depth z is in front of the camera, and where the image can be sampled."""
+    right, bottom = np.float32(width - 3), np.float32(height - 3)
+    return (u > TWO) & (v > TWO) & (u < right) & (v < bottom) & (z > ZERO)
 
 
 @kernel_inlined
 def epipolar_direction(warp: Warp, x: float, y: float) -> Tuple[float, float]:
-    """Which way the point seen at (x, y) moves as its idepth grows; over z it is the derivative by idepth."""
+    """Which way the point seen at (x, y) moves as its idepth grows: z times the derivative of (x, y) by idepth."""
     return warp.tx - x * warp.tz, warp.ty - y * warp.tz
 
 

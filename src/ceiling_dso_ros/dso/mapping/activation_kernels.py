@@ -63,11 +63,10 @@ def add_pixel(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray, weight_host: np.ndarray, sums: DepthSums,
 ) -> None:  # fmt: skip
     """Add one pixel of the pattern of every candidate of a host, seen in one target, to the sums."""
-    right, bottom = np.float32(width - 3), np.float32(height - 3)
     warp = warp_of(KRKi, Kt)
     for i in range(u.size):
         x, y, z, z_inverse = warp_point(warp, u[i] + pattern_x, v[i] + pattern_y, idepth[i])
-        inside = in_view(x, y, z, right, bottom)
+        inside = in_view(x, y, z, width, height)
         x, y = (x if inside else TWO), (y if inside else TWO)
         value, grad_x, grad_y = sample_gradient(image, width, x, y)
         residual = value - gain * grey[i] - offset

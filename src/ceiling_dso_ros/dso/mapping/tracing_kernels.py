@@ -6,7 +6,7 @@ from typing import Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined, kernel_noalias
-from ceiling_dso_ros.dso.geometry.projection import Warp, idepth_at, warp_of, warp_point
+from ceiling_dso_ros.dso.geometry.projection import Warp, idepth_at, warp_of, warp_offset, warp_point
 from ceiling_dso_ros.dso.images.interpolation import sample, sample_gradient
 from ceiling_dso_ros.dso.images.pattern import HUBER, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.window import trace_outcome
@@ -155,10 +155,10 @@ def search(
     expected: np.ndarray, pattern_x: np.ndarray, pattern_y: np.ndarray, energies: np.ndarray,
 ) -> int:  # fmt: skip
     """Narrow the interval of candidate i by a search; returns its outcome. The last four are scratch memory."""
+    warp, u, v = warp_of(KRKi, Kt), candidates.u[i], candidates.v[i]
     for p in range(PATTERN_SIZE):
         expected[p] = gain * candidates.grey[p, i] + offset
-        pattern_x[p] = KRKi[0, 0] * PATTERN_X[p] + KRKi[0, 1] * PATTERN_Y[p]
-        pattern_y[p] = KRKi[1, 0] * PATTERN_X[p] + KRKi[1, 1] * PATTERN_Y[p]
+        pattern_x[p], pattern_y[p] = warp_offset(warp, PATTERN_X[p], PATTERN_Y[p])
     steps = min(int(length) + 2, MAX_STEPS)
     stride = length / (steps - 1)
     line_energies(
@@ -178,7 +178,6 @@ def search(
         candidates.interval[i] = 0.0
         return failed
 
-    warp, u, v = warp_of(KRKi, Kt), candidates.u[i], candidates.v[i]
     along_x = line_x * line_x > line_y * line_y  # the better conditioned coordinate
     a = idepth_at(warp, u, v, x - error * line_x, y - error * line_y, along_x)
     b = idepth_at(warp, u, v, x + error * line_x, y + error * line_y, along_x)

@@ -9,8 +9,8 @@ from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.compute.linear_solver import solve_positive
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.projection import (
-    Intrinsics,
     in_view,
+    intrinsics_of,
     pose_gradient,
     to_pixel,
     unproject,
@@ -47,13 +47,11 @@ def accumulate(
     Returns:
         Sum of Huber energies, number of points in view, number of saturated ones.
     """
-    intrinsics32, T = intrinsics.astype(np.float32), T_frame_reference.astype(np.float32)
-    camera = Intrinsics(intrinsics32[0], intrinsics32[1], intrinsics32[2], intrinsics32[3])
-    motion = warp_of(T[:3, :3], T[:3, 3])
+    T = T_frame_reference.astype(np.float32)
+    camera, motion = intrinsics_of(intrinsics.astype(np.float32)), warp_of(T[:3, :3], T[:3, 3])
     gain32, offset_ref32, offset32 = np.float32(gain), np.float32(offset_reference), np.float32(offset_frame)
     cutoff32 = np.float32(cutoff)
     energy_cap = TWO * HUBER * cutoff32 - HUBER * HUBER
-    right, bottom = np.float32(width - 3), np.float32(height - 3)
     h00 = h01 = h02 = h03 = h04 = h05 = h06 = h07 = h08 = ZERO
     h11 = h12 = h13 = h14 = h15 = h16 = h17 = h18 = ZERO
     h22 = h23 = h24 = h25 = h26 = h27 = h28 = ZERO
@@ -69,7 +67,7 @@ def accumulate(
         x_reference, y_reference = unproject(camera, u[i], v[i])
         x, y, z, z_inverse = warp_point(motion, x_reference, y_reference, idepth[i])
         column, row = to_pixel(camera, x, y)
-        if not in_view(column, row, z, right, bottom):
+        if not in_view(column, row, z, width, height):
             continue
         value, grad_x, grad_y = sample_gradient(image, width, column, row)
         reference_value = gain32 * (grey[i] - offset_ref32)
@@ -233,9 +231,8 @@ def mean_squared_flow(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, intrinsics: np.ndarray, T_frame_reference: np.ndarray
 ) -> Tuple[float, float]:
     """Mean squared shift of points in pixels^2, by the translation alone and by the whole motion."""
-    camera = Intrinsics(intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
-    R, t = T_frame_reference[:3, :3], T_frame_reference[:3, 3]
-    translation, motion = warp_of(np.eye(3), t), warp_of(R, t)
+    camera, t = intrinsics_of(intrinsics), T_frame_reference[:3, 3]
+    translation, motion = warp_of(np.eye(3), t), warp_of(T_frame_reference[:3, :3], t)
     by_translation, by_motion, count = 0.0, 0.0, 0
     for i in range(u.size):
         x, y = unproject(camera, u[i], v[i])

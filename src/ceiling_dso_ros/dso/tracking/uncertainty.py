@@ -12,7 +12,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.geometry import se3
-from ceiling_dso_ros.dso.geometry.projection import Intrinsics, pose_jacobian, unproject, warp_of, warp_point
+from ceiling_dso_ros.dso.geometry.projection import intrinsics_of, pose_jacobian, unproject, warp_of, warp_point
 
 # Neighbouring points share depth errors, and the pose of the keyframe has an error of its own, so that residuals count
 # for far less than as many independent ones. Measured: simulated drives on three ceilings, 848x480.
@@ -43,7 +43,7 @@ def unit_information(
         intrinsics: (4,) float64.
         T_frame_reference: (4, 4) float64, the motion; its left increment is what K refers to.
     """
-    camera = Intrinsics(intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
+    camera = intrinsics_of(intrinsics)
     motion = warp_of(T_frame_reference[:3, :3], T_frame_reference[:3, 3])
     total = np.zeros((6, 6))
     K = np.empty((2, 6))
