@@ -5,6 +5,7 @@ from typing import Optional, Tuple
 import cv2
 import numpy as np
 
+from ceiling_dso_ros.dso.geometry.projection import Intrinsics, normalized
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 
 
@@ -15,8 +16,7 @@ def undistortion_maps(calibration: CameraCalibration) -> Tuple[np.ndarray, np.nd
         u and v, (height, width) float32 each, of the output's size.
     """
     camera = calibration.camera
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    x, y = normalized(Intrinsics(*camera.parameters), np.arange(camera.width), np.arange(camera.height))
     u, v = calibration.lens.pixels(*np.meshgrid(x, y))
     return u.astype(np.float32), v.astype(np.float32)
 

@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import OdometryStatus, PinholeCamera
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.projection import Intrinsics, pixels
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 
 FIELDS = [PointField(name, 4 * index, PointField.FLOAT32, 1) for index, name in enumerate(("x", "y", "z", "intensity"))]
@@ -83,7 +84,7 @@ def draw_points(image: np.ndarray, camera: PinholeCamera, status: OdometryStatus
         T = se3.inverse(status.T_world_camera)
         x, y, z = T[:3, :3] @ points.positions.T + T[:3, 3:]
         seen = z > 1e-3
-        u, v = camera.fx * x[seen] / z[seen] + camera.cx, camera.fy * y[seen] / z[seen] + camera.cy
+        u, v = pixels(Intrinsics(*camera.parameters), x[seen] / z[seen], y[seen] / z[seen])
         near, far = 1.0 / np.array(NEAR_AND_FAR)
         shades = np.clip(255.0 * (1.0 / z[seen] - far) / (near - far), 0, 255).astype(np.uint8)
         colours = cv2.applyColorMap(shades.reshape(-1, 1), cv2.COLORMAP_JET).reshape(-1, 3)

@@ -15,7 +15,9 @@ from ceiling_dso_ros.dso.geometry.projection import (
     intrinsic_matrix,
     intrinsics_of,
     level_intrinsics,
+    normalized,
     pixel_warp,
+    pixels,
     pose_gradient,
     pose_jacobian,
     projection_jacobian,
@@ -78,6 +80,14 @@ def test_unprojection_is_the_inverse_of_projection(u, v):
     x, y = unproject(intrinsics_of(INTRINSICS), u, v)
     np.testing.assert_allclose(INTRINSICS[:2] * [x, y] + INTRINSICS[2:], [u, v])
     assert to_pixel(CAMERA, x, y) == pytest.approx((u, v))
+
+
+def test_arrays_give_what_kernels_give_point_by_point():
+    u, v = np.array(PIXELS).T
+    x, y = normalized(CAMERA, u, v)
+    for i in range(len(PIXELS)):
+        assert (x[i], y[i]) == pytest.approx(unproject(CAMERA, u[i], v[i]))
+    np.testing.assert_allclose(pixels(CAMERA, x, y), [u, v])
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])

@@ -116,10 +116,12 @@ def viewing_rays(intrinsics: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.nda
     return np.stack([x, y, np.ones(np.shape(x))], axis=-1)
 
 
-@kernel_inlined
-def to_pixel(intrinsics: Intrinsics, x: float, y: float) -> Tuple[float, float]:
-    """Pixel (u, v) of normalised coordinates."""
+def pixels(intrinsics: Intrinsics, x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Pixels (u, v) of normalised coordinates, for numpy; kernels have `to_pixel`, which is compiled from it."""
     return intrinsics.fx * x + intrinsics.cx, intrinsics.fy * y + intrinsics.cy
+
+
+to_pixel = kernel_inlined(pixels)
 
 
 @kernel_inlined
