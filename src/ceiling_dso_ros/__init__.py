@@ -10,4 +10,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # catkin's devel space has a second folder of this package: the generated msg and cfg.
 __path__ = extend_path(__path__, __name__)
 
-__version__ = "0.1.0"
+from ceiling_dso_ros.version import find_version  # by __path__ alone in the devel space
+
+__version__ = find_version()

@@ -1,9 +1,6 @@
 """`python3 -m ceiling_dso_ros COMMAND ...`."""
 
-import sys
-
-from ceiling_dso_ros.cli.main import interrupt_on_signals, main
+from ceiling_dso_ros.cli.main import run_process
 
 if __name__ == "__main__":
-    interrupt_on_signals()
-    sys.exit(main())
+    run_process()

@@ -1,9 +1,10 @@
-"""The commands of `python3 -m ceiling_dso_ros` and their exit codes."""
+"""The commands of `ceiling-dso`, which is `python3 -m ceiling_dso_ros` too, and their exit codes."""
 
 import argparse
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
@@ -13,6 +14,7 @@ from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
+PROGRAM = "ceiling-dso"  # as pip installs it
 COMMANDS = (run, evaluate, collect, calibrate, simulate, benchmark)
 
 
@@ -33,7 +35,11 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         The exit code: 0 done, 1 failed while running, 2 wrong usage or unreadable input, 130 interrupted. All but 0
         come with one line on stderr.
     """
-    parser = _Parser(prog="python3 -m ceiling_dso_ros", description="Ceiling visual odometry on recordings.")
+    installed = Path(sys.argv[0]).name == PROGRAM
+    parser = _Parser(
+        prog=PROGRAM if installed else "python3 -m ceiling_dso_ros",
+        description="Ceiling visual odometry on recordings.",
+    )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:
@@ -59,10 +65,14 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     return DONE
 
 
-def interrupt_on_signals() -> None:
-    """Let SIGTERM end the process as Ctrl-C does, and Ctrl-C also where a shell's `&` had switched it off."""
+def run_process() -> NoReturn:
+    """Run the command that this process was started with: the entry point of `ceiling-dso`.
+
+    SIGTERM ends it as Ctrl-C does, and Ctrl-C also where a shell's `&` had switched it off.
+    """
     for number in INTERRUPTS:
         signal.signal(number, signal.default_int_handler)
+    sys.exit(main())
 
 
 def _complain(message: str, code: int) -> int:
