@@ -91,9 +91,9 @@ def bag_of(tmp_path_factory):
 def command():
     """Run `python3 -m ceiling_dso_ros WORDS` in a process of its own."""
 
-    def run(*words):
+    def run(*words, interpreter_options=()):
         return subprocess.run(
-            [sys.executable, "-m", "ceiling_dso_ros", *map(str, words)],
+            [sys.executable, *interpreter_options, "-m", "ceiling_dso_ros", *map(str, words)],
             env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
             capture_output=True,
             text=True,

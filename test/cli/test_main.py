@@ -1,6 +1,11 @@
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+from xml.etree import ElementTree
+
 import pytest
 
 import ceiling_dso_ros
+import ceiling_dso_ros.version as version_module
 from ceiling_dso_ros.cli import main as main_module
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.io.errors import InputError, OutputError
@@ -19,6 +24,10 @@ def command_that(error):
             commands.add_parser("try").set_defaults(execute=execute)
 
     return Command
+
+
+def no_such_package(name):
+    raise PackageNotFoundError(name)
 
 
 @pytest.mark.parametrize(
@@ -49,9 +58,17 @@ def test_wrong_usage_is_one_line(monkeypatch, capsys, arguments):
     assert complaint.count("\n") == 1
 
 
-def test_version(command):
+def test_version_is_that_of_the_manifest(command):
+    version = ElementTree.parse(Path(__file__).parents[2] / "package.xml").findtext("version")
+    assert ceiling_dso_ros.__version__ == version
     result = command("--version")
-    assert (result.returncode, result.stdout) == (0, f"{ceiling_dso_ros.__version__}\n")
+    assert (result.returncode, result.stdout) == (0, f"{version}\n")
+
+
+def test_version_of_copied_sources_is_unknown(monkeypatch, tmp_path):
+    monkeypatch.setattr(version_module, "__file__", str(tmp_path / "src" / "ceiling_dso_ros" / "version.py"))
+    monkeypatch.setattr(version_module, "version", no_such_package)
+    assert version_module.find_version() == version_module.UNKNOWN
 
 
 @pytest.mark.parametrize("words", [[], ["run"], ["evaluate"]])
@@ -62,3 +79,19 @@ def test_help_names_what_there_is(command, words):
         tuple(words)
     ]:
         assert text in result.stdout
+
+
+def test_help_waits_for_no_library(command):
+    """Each of them takes a second or so to import; a command asks for them when it is executed."""
+    result = command("run", "--help", interpreter_options=["-X", "importtime"])
+    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in result.stderr.splitlines()}
+    assert "ceiling_dso_ros" in imported
+    assert not imported & {"numpy", "numba", "scipy", "cv2", "gtsam", "matplotlib", "rosbags", "omegaconf", "yaml"}
+
+
+def test_program_is_called_what_it_was_called(monkeypatch, capsys):
+    for started_as, name in (("/usr/bin/ceiling-dso", "ceiling-dso"), ("__main__.py", "python3 -m ceiling_dso_ros")):
+        monkeypatch.setattr(main_module.sys, "argv", [started_as])
+        with pytest.raises(SystemExit):
+            main(["--help"])
+        assert capsys.readouterr().out.startswith(f"usage: {name} [-h]")
