@@ -1,6 +1,15 @@
 # Shared by the scripts of this folder; sourced, with the checkout as working directory.
 # shellcheck shell=bash
 
+# What the scripts start neither needs nor changes the user's home folder: caches, ROS's logs and packages of
+# `pip install --user` are those of a home folder inside the checkout. Variables that may lead back are unset.
+# One script starts another: the first has seen the user's. Bash looks HOME up where it is not set.
+export USERS_HOME=${USERS_HOME-$HOME}
+export HOME=$PWD/.ws/home
+mkdir -p "$HOME"
+unset XDG_CACHE_HOME XDG_CONFIG_HOME XDG_DATA_HOME XDG_STATE_HOME MPLCONFIGDIR
+unset ROS_HOME ROS_LOG_DIR ROS_TEST_RESULTS_DIR PYTHONUSERBASE
+
 say() { printf '[%s] %s\n' "$(basename "$0")" "$*"; }
 
 fail() {
@@ -10,6 +19,13 @@ fail() {
 
 # is_current FILE TEXT: the step that wrote TEXT to FILE, when it had ended well, need not run again.
 is_current() { [ -f "$1" ] && [ "$(cat "$1")" = "$2" ]; }
+
+# pip_install PYTHON ARGUMENTS...: with the user's pip settings (an index, a proxy, certificates), which are only read.
+pip_install() {
+    local python=$1
+    shift
+    HOME=$USERS_HOME PYTHONNOUSERSITE=1 "$python" -m pip --no-cache-dir --quiet install "$@"
+}
 
 # python_environment DIR PYTHON REQUIREMENTS [VENV_OPTION...]: makes or updates a virtual environment with the pins.
 python_environment() {
@@ -24,7 +40,22 @@ python_environment() {
     rm -f "$dir"/*.stamp
     "$python" -m venv "$@" "$dir"
     # Ubuntu 20.04's own pip is too old for the wheels.
-    "$dir/bin/python" -m pip install --quiet "pip>=20.3"
-    "$dir/bin/python" -m pip install --quiet --requirement "$requirements"
+    pip_install "$dir/bin/python" "pip>=20.3"
+    pip_install "$dir/bin/python" --requirement "$requirements"
     printf '%s\n' "$key" >"$dir/$requirements.stamp"
+}
+
+# find_python38: prints the path of a Python 3.8, nothing where there is none: the first that works of those on PATH
+# (pyenv's is on PATH even when it is not chosen there, and then fails) and those that pyenv has installed for the user.
+find_python38() {
+    local account_home candidate
+    account_home=$(getent passwd "$(id -u)" | cut -d: -f6) || true
+    while IFS= read -r candidate; do
+        if "$candidate" -c 'import sys; print(sys.executable)' 2>/dev/null; then
+            return
+        fi
+    done < <(
+        type -aP python3.8 || true
+        ls -d {"$USERS_HOME","$account_home"}/.pyenv/versions/3.8*/bin/python3.8 2>/dev/null || true
+    )
 }

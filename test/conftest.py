@@ -1,9 +1,39 @@
 """What the tests of several parts need."""
 
+import shutil
 import signal
 import struct
+import tempfile
 
 import pytest
+
+# May name folders of the user.
+LEADING_HOME = (
+    "MPLCONFIGDIR",
+    "PYTHONUSERBASE",
+    "ROS_HOME",
+    "ROS_LOG_DIR",
+    "XDG_CACHE_HOME",
+    "XDG_CONFIG_HOME",
+    "XDG_DATA_HOME",
+    "XDG_STATE_HOME",
+)
+
+
+def pytest_configure(config):
+    """Each process of a run has an empty home folder of its own, before it imports what is to be tested.
+
+    evo, matplotlib and ROS make files in the home folder. The user's stays as it is, and no two workers of pytest-xdist
+    make the same file at the same moment.
+    """
+    home = tempfile.mkdtemp(prefix="ceiling_dso_home_")
+    # A process of ROS that is still ending may write its log there.
+    config.add_cleanup(lambda: shutil.rmtree(home, ignore_errors=True))
+    environment = pytest.MonkeyPatch()
+    config.add_cleanup(environment.undo)
+    environment.setenv("HOME", home)
+    for name in LEADING_HOME:
+        environment.delenv(name, raising=False)
 
 
 @pytest.fixture

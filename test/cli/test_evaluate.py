@@ -213,7 +213,6 @@ def evo_ape_statistics(reference, estimate, folder):
     saved = folder / "evo.zip"
     words = ["tum", str(reference), str(estimate), "-as", "--save_results", str(saved)]
     start = "from evo.entry_points import ape; ape()"
-    environment = {**os.environ, "HOME": str(folder)}  # where evo keeps its settings
-    subprocess.run([sys.executable, "-c", start, *words], env=environment, check=True, capture_output=True)
+    subprocess.run([sys.executable, "-c", start, *words], check=True, capture_output=True)
     with zipfile.ZipFile(saved) as archive:
         return json.loads(archive.read("stats.json"))
