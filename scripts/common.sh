@@ -24,7 +24,8 @@ is_current() { [ -f "$1" ] && [ "$(cat "$1")" = "$2" ]; }
 pip_install() {
     local python=$1
     shift
-    HOME=$USERS_HOME PYTHONNOUSERSITE=1 "$python" -m pip --no-cache-dir --quiet install "$@"
+    # pip asks rustc for its version, and rustup's makes a folder.
+    HOME=$USERS_HOME RUSTUP_HOME=$HOME/.rustup PYTHONNOUSERSITE=1 "$python" -m pip --no-cache-dir --quiet install "$@"
 }
 
 # python_environment DIR PYTHON REQUIREMENTS [VENV_OPTION...]: makes or updates a virtual environment with the pins.
@@ -56,6 +57,6 @@ find_python38() {
         fi
     done < <(
         type -aP python3.8 || true
-        ls -d {"$USERS_HOME","$account_home"}/.pyenv/versions/3.8*/bin/python3.8 2>/dev/null || true
+        printf '%s\n' {"$USERS_HOME","$account_home"}/.pyenv/versions/3.8*/bin/python3.8
     )
 }
