@@ -3,8 +3,8 @@
 
 # What the scripts start neither needs nor changes the user's home folder: caches, ROS's logs and packages of
 # `pip install --user` are those of a home folder inside the checkout. Variables that may lead back are unset.
-# One script starts another: the first has seen the user's. Bash looks HOME up where it is not set.
-export USERS_HOME=${USERS_HOME-$HOME}
+# One script starts another: the first has seen the user's. Where HOME is not set, ~ is the account's.
+export USERS_HOME=${USERS_HOME-${HOME-~}}
 export HOME=$PWD/.ws/home
 mkdir -p "$HOME"
 unset XDG_CACHE_HOME XDG_CONFIG_HOME XDG_DATA_HOME XDG_STATE_HOME MPLCONFIGDIR

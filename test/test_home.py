@@ -1,6 +1,7 @@
 """The user's home folder is neither needed nor changed, and processes that start at once make no file twice."""
 
 import os
+import pwd
 import subprocess
 import sys
 from pathlib import Path
@@ -40,11 +41,9 @@ def test_workers_that_import_evo_and_matplotlib_at_once(home, tmp_path, usable):
 
 def sourcing(checkout, home, command, **variables):
     """What a command prints in a script of a checkout."""
-    script = f'set -euo pipefail; source "{SCRIPTS / "common.sh"}"; {command}'
+    script = ["bash", "-c", f'set -euo pipefail; source "{SCRIPTS / "common.sh"}"; {command}']
     whole = environment(home, **variables)
-    return subprocess.run(
-        ["bash", "-c", script], cwd=checkout, env=whole, check=True, stdout=subprocess.PIPE, text=True
-    )
+    return subprocess.run(script, cwd=checkout, env=whole, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 @pytest.fixture
@@ -62,9 +61,18 @@ def test_scripts_have_a_home_folder_inside_the_checkout(checkout, home):
     assert list((checkout / ".ws" / "home" / ".cache" / "matplotlib").iterdir())
 
 
+def nested(options, command):
+    """A command of a script that another script starts, with options of env."""
+    return f"""env {options} bash -c 'set -euo pipefail; source "{SCRIPTS / "common.sh"}"; {command}'"""
+
+
 def test_a_script_that_another_one_starts_still_knows_the_users_home_folder(checkout, home):
-    again = f"""bash -c 'source "{SCRIPTS / "common.sh"}"; echo "$USERS_HOME"'"""
-    assert sourcing(checkout, home, again) == f"{home}\n"
+    assert sourcing(checkout, home, nested("", 'echo "$USERS_HOME"')) == f"{home}\n"
+
+
+def test_a_script_without_home_takes_the_accounts(checkout, home):
+    accounts = pwd.getpwuid(os.getuid()).pw_dir
+    assert sourcing(checkout, home, nested("-u HOME -u USERS_HOME", 'echo "$USERS_HOME"')) == f"{accounts}\n"
 
 
 @pytest.mark.parametrize("place", ["later on PATH", "user/.pyenv/versions/3.8.18/bin"])
