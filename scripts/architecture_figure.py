@@ -25,7 +25,7 @@ STYLE = {"svg.fonttype": "path", "svg.hashsalt": "ceiling_dso_ros", "font.size":
 
 
 class Step(NamedTuple):
-    """A box: what is done, in which file, and the data that comes out."""
+    """A box of the figure: a step, its file, and the data that it produces."""
 
     column: int
     row: float
@@ -95,13 +95,13 @@ def draw_arrow(
 
 
 def draw_heading(axes: Axes, x: float, y: float, name: str, where_x: float, where: str) -> None:
-    """The class or method of a group at x; at where_x, clear of the arrows, where it lives and when it works."""
+    """Heading of a group: the class or method at x; at where_x, clear of the arrows, its file and when it runs."""
     axes.text(x, y, name, weight="bold", size=9, color=INK, va="center")
     axes.text(where_x, y, where, color=FAINT, va="center")
 
 
 def draw_groups(axes: Axes) -> None:
-    """What the steps belong to."""
+    """Draw the groups to which the steps belong."""
     left, bottom = COLUMNS[0] - 0.16, WINDOW - 0.18
     draw_box(axes, (left, bottom), (WIDTH - 2 * left, PANEL_TOP - bottom), PANEL, "none")
     x, clear = COLUMNS[0] + 0.02, 0.12
@@ -116,7 +116,7 @@ def draw_groups(axes: Axes) -> None:
 
 
 def draw_window(axes: Axes) -> None:
-    """The shared data: a cell for each table under the title."""
+    """Draw the shared data: a cell for each table under the title."""
     width = COLUMNS[4] + BOX_WIDTH - COLUMNS[0]
     draw_box(axes, (COLUMNS[0], WINDOW), (width, WINDOW_HEIGHT), STORE, DATA)
     centre = WINDOW + WINDOW_HEIGHT / 2
@@ -128,7 +128,7 @@ def draw_window(axes: Axes) -> None:
 
 
 def draw_arrows(axes: Axes) -> None:
-    """Where the data goes."""
+    """Draw the arrows between the steps."""
 
     def beside(row: float, source: int, target: int) -> None:
         edge = BOX_WIDTH / 2 if target > source else -BOX_WIDTH / 2

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares what the nodes have published with the wheels alone: scripts/demo_report.py DIR, after `evaluate DIR`.
+"""Compares the poses published by the nodes with the wheels alone: scripts/demo_report.py DIR, after `evaluate DIR`.
 
 Prints a table and writes DIR/report.md with the figures; exits with 1 when the fused odometry is worse.
 """
@@ -28,7 +28,7 @@ def main() -> int:
     trajectories = json.loads((directory / "evaluation.json").read_text())["trajectories"]
     missing = [label for name, label in NAMES.items() if name not in trajectories]
     if missing:
-        print(f"error: {directory}: nothing was published of: {', '.join(missing)}", file=sys.stderr)
+        print(f"error: {directory}: the nodes published nothing for {', '.join(missing)}", file=sys.stderr)
         return 1
     rows = [row(label, trajectories[name]) for name, label in NAMES.items()]
     print(tabulate(rows, HEADERS, floatfmt=".3f"))

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draws the simulator's figures of the README: .venv/bin/python scripts/simulation_figures.py [docs/images].
 
-ceilings.png shows what the camera sees under every ceiling; wheel_drift.png what the wheels alone make of `square` and
+ceilings.png shows the camera's view under every ceiling; wheel_drift.png shows the dead reckoning on `square` and
 `loops`.
 """
 

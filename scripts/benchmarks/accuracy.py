@@ -1,8 +1,8 @@
 """The odometry's accuracy and robustness against their limits, on the shared recordings and on simulated drives.
 
-Simulated images are 848x480 at 30 Hz. The drives are rendered once, into bags in the folder, 5 GB a seed; what the
-odometry said of them stays there, too, and each part's figures go to PART.json. So parts can be run one by one, and an
-interrupted one goes on where it was.
+Simulated images are 848x480 at 30 Hz. The drives are rendered once, into bags in the folder, 5 GB a seed; the
+odometry's results are kept there, too, and each part's figures are written to PART.json. So parts can be run one by
+one, and an interrupted part continues where it stopped.
 """
 
 import argparse
@@ -37,9 +37,9 @@ PAIRING_S = 0.02
 STARTS = (0, 1, 2, 3, 4, 5, 6, 7, 9, 12)
 MEDIAN_PERCENT, WORST_PERCENT = 0.02, 0.05  # of the path
 SEQUENCES, TEXTURED, FAINT = ("square", "loops"), ("factory", "tiles", "warehouse"), "plaster"
-WRONG_S = 1.0  # a wrong pose may be reported as good for so long
+WRONG_S = 1.0  # longest time for which a wrong pose may be reported as good
 FULL_HZ = 30
-EVENT_S, EVENT_DRIVE_S, COVER_S = 15.0, 30.0, 3.0  # when an event begins, of how long a drive
+EVENT_S, EVENT_DRIVE_S, COVER_S = 15.0, 30.0, 3.0  # start of an event, length of the drive
 RECOVERY_S = 2.0  # of motion
 NEES_FACTOR = 3.0
 
@@ -63,7 +63,7 @@ def recordings(tracked: TrackedDrives, _: int) -> Iterator[Row]:
 
 
 def starts(tracked: TrackedDrives, _: int) -> Iterator[Row]:
-    """The recording taken by hand from several first images on: how much of its figures is chance."""
+    """Track the hand-held recording from several first images on: shows how much of its error is chance."""
     name = "tum_fr1_xyz"
     if is_missing(DATA / name):
         return
@@ -118,7 +118,7 @@ def rates(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 
 
 def events(tracked: TrackedDrives, count: int) -> Iterator[Row]:
-    """What may happen to a camera: on a part of the loops, and two sequences that are events by themselves."""
+    """Events on a part of `loops`, and the two sequences `spin` and `stop_and_go`."""
     for event, length_s in (("lights_off", 0.3), ("cover", COVER_S), ("flicker", 5.0)):
         what = f"{event}@{EVENT_S:g}+{length_s:g}"
         configs = [SimulationConfig("loops", seed=s, duration_s=EVENT_DRIVE_S, events=(what,)) for s in range(count)]
@@ -143,7 +143,7 @@ def _recovered(subject: str, runs: List[TrackedRun], without_s: List[float]) -> 
 
 
 def covariance(tracked: TrackedDrives, count: int) -> Iterator[Row]:
-    """Whether poses err as much from their keyframes as they say."""
+    """Whether the errors of poses relative to their keyframes agree with their covariances."""
     for ceiling in TEXTURED:
         for sequence in SEQUENCES:
             runs = [tracked.drive(SimulationConfig(sequence, ceiling, seed)) for seed in range(count)]
@@ -180,7 +180,7 @@ def main() -> int:
 
 
 def _figures(row: Row) -> Dict[str, object]:
-    """A row as JSON knows it: no limit is null."""
+    """A row for JSON: no limit is null."""
     limits = {name: limit if np.isfinite(limit) else None for name, limit in (("low", row.low), ("high", row.high))}
     return {**asdict(row), "values": [float(value) for value in row.values], **limits, "holds": row.holds}
 

@@ -1,8 +1,8 @@
 """The fusion against its limits, on drives under the simulator's factory roof and on the shared recordings.
 
-The wheels' mean radius is exact, their ratio and the wheel base are 1 % wrong, each wheel errs by 2 mm after 1 m. To
-calibrate it errs as little as the simulator's do by default: of noisier ones a minute does not tell the base well.
-Tracking the images takes most of an hour the first time; what the odometry said of them stays in the folder.
+The wheels' mean radius is exact, their ratio and the wheel base are 1 % wrong, each wheel errs by 2 mm after 1 m. For
+the calibration the noise is that of the simulator's defaults, because with noisier wheels one minute does not determine
+the wheel base well. Tracking the images takes most of an hour the first time; the results are kept in the folder.
 """
 
 import argparse
@@ -38,15 +38,15 @@ from ceiling_dso_ros.simulation.robot import WheelErrors
 from ceiling_dso_ros.simulation.simulation import START_NS, stamp_ns
 
 WHEELS = WheelErrors(radius=0.0, ratio=0.01, wheel_base=0.01, travel_noise_m=0.002)
-REPORT_MARGIN_S = 0.5  # a report within so much of a slip is of that slip
-NOTICED_S = 0.2  # a covered lens must be noticed within
-LATE_S = 0.02  # of the camera's stamps in the drive to calibrate from
-MISMOUNTED_DEG, MISPLACED_M = (1.0, -1.0, 4.0), (0.03, -0.03, 0.05)  # what is believed before calibrating
+REPORT_MARGIN_S = 0.5  # a report within this time of a slip belongs to that slip
+NOTICED_S = 0.2  # a covered lens must be reported within this time
+LATE_S = 0.02  # offset of the camera's stamps in the calibration drive
+MISMOUNTED_DEG, MISPLACED_M = (1.0, -1.0, 4.0), (0.03, -0.03, 0.05)  # errors of the assumed mounting before calibration
 NEEDS_TURNS = ("camera x", "camera y", "wheel base")
 
 
 def drive(kept: Kept, sequence: str, seed: int, *events: str) -> FusedRun:
-    """A simulated drive after the fusion."""
+    """Run the fusion on a simulated drive."""
     recording, statuses = kept.drive(SimulationConfig(sequence, seed=seed, events=events, wheels=WHEELS))
     return FusedRun(recording, statuses, recording.camera_truth, recording.base_truth)
 
@@ -127,7 +127,7 @@ def ceiling_loops(kept: Kept, _: int) -> Iterator[Row]:
 
 
 def calibration(kept: Kept, seeds: int) -> Iterator[Row]:
-    """Loops for what it finds, straight for what it says that it cannot find."""
+    """Calibrate on loops for the errors, and on straight for the values that it must report as not determined."""
     errors = []
     for seed in range(seeds):
         recording, statuses = kept.drive(SimulationConfig("loops", seed=seed, time_offset_s=LATE_S))
@@ -153,7 +153,7 @@ def _calibrated(recording: SimulatedRecording, statuses: Statuses) -> Calibratio
 
 
 def _calibration_errors(recording: SimulatedRecording, found: Calibration) -> List[float]:
-    """In the units of the limits; inf for what is said not to be excited."""
+    """Errors in the units of the limits; inf for values that are reported as not determined."""
     true = recording.simulation.robot.true
     yaw, pitch, roll = Rotation.from_matrix(true.T_base_camera[:3, :3]).as_euler("ZYX", degrees=True)
     ratio, base = true.wheel_radius_m[1] / true.wheel_radius_m[0], true.wheel_base_m

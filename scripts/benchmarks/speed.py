@@ -1,13 +1,13 @@
 """Frame times and latency against their limits: of the shared recordings, and of a simulated drive in real time.
 
-Recordings run on one core, every frame to the end, with default settings. Times are in the unit of
+Recordings run on one core with default settings, and every frame is processed completely. Times are in the unit of
 `evaluation/machine_speed.py`, measured right before and after each run. Each recording is also measured with numba
-restricted to AVX2, which is all that the robot's computer has, with a kernel cache of its own; the unit stays that of
-the whole processor. The drive, `loops` on `factory` at 848x480 and 30 Hz, plays in real time with the mapping beside
+restricted to AVX2, which is all that the robot's computer has, with a kernel cache of its own; the unit is still that
+of the whole processor. The drive, `loops` on `factory` at 848x480 and 30 Hz, plays in real time with the mapping beside
 the tracking, on two cores; its bag stays in the folder. It also plays through the nodes, on a roscore of its own, with
 the fusion beside the odometry, on all cores: the latency is from an image's stamp to its published pose, in wall time.
-Last come, without limits and on one core, how the times grow with points, window and image size (a table, and
-growth.svg in the folder) and how far the kernels are from what bounds them.
+The last parts have no limits and run on one core: how the times grow with points, window and image size (a table, and
+growth.svg in the folder), and how far the kernels are from the processor's limits.
 """
 
 import argparse
@@ -44,7 +44,7 @@ UNIT = "from ceiling_dso_ros.playback.machine_speed import machine_ms; print(mac
 
 
 def avx2_environment() -> Dict[str, str]:
-    """Of a process whose kernels use no more than AVX2."""
+    """Environment of a process whose kernels use AVX2 at most."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features()
@@ -54,7 +54,7 @@ def avx2_environment() -> Dict[str, str]:
 
 
 def on_cores(count: int, arguments: List[str], environment: Dict[str, str]) -> str:
-    """What a Python process prints that may use so many cores."""
+    """Output of a Python process that may use the given number of cores."""
     cores = sorted(os.sched_getaffinity(0))[:count]
     return subprocess.run(
         [sys.executable, *arguments],
@@ -67,7 +67,7 @@ def on_cores(count: int, arguments: List[str], environment: Dict[str, str]) -> s
 
 
 def as_options(*settings: str) -> List[str]:
-    """Settings, key=value, as words of a command."""
+    """Settings, key=value, as arguments of a command."""
     return [word for text in settings for word in ("--set", text)]
 
 
@@ -77,7 +77,7 @@ def unit_ms() -> float:
 
 
 def benchmark(source: Path, cores: int, environment: Dict[str, str], *options: str) -> Dict[str, Any]:
-    """What the command `benchmark` writes."""
+    """Run the command `benchmark`; returns its result."""
     with tempfile.TemporaryDirectory() as folder:
         command = ["-m", "ceiling_dso_ros", "benchmark", str(source), "--out", folder, *options]
         on_cores(cores, command, environment)
@@ -85,7 +85,7 @@ def benchmark(source: Path, cores: int, environment: Dict[str, str], *options: s
 
 
 def measure(recording: Path, environment: Dict[str, str]) -> Tuple[Dict[str, float], float, Tuple[float, float]]:
-    """Of one run: frame times in units by kind, peak memory in MB, and the unit before and after."""
+    """Measure one run: frame times in units by kind, peak memory in MB, and the unit before and after."""
     before = unit_ms()
     result = benchmark(recording, 1, environment, "--repeats", "1", *as_options(*USUAL))
     units = before, unit_ms()
@@ -94,7 +94,7 @@ def measure(recording: Path, environment: Dict[str, str]) -> Tuple[Dict[str, flo
 
 
 def recording_rows(recording: Path, runs: int) -> Iterator[Row]:
-    """With all that the processor has, and with AVX2 alone."""
+    """Rows of a recording with all instructions of the processor, and with AVX2 alone."""
     for cpu, environment, limits in (("", {}, LIMITS), (", AVX2", avx2_environment(), LIMITS_AVX2)):
         subject = recording.name + cpu
         results = [measure(recording, environment) for _ in range(runs)]
@@ -105,7 +105,7 @@ def recording_rows(recording: Path, runs: int) -> Iterator[Row]:
 
 
 def live_rows(bag: Path, runs: int) -> Iterator[Row]:
-    """In real time, with windows of two lengths."""
+    """Rows of the drive in real time, with windows of two lengths."""
     for keyframes, least in SPEED_FACTORS.items():
         subject = f"{bag.stem}, live, window {keyframes}"
         settings = as_options(*USUAL, f"window.max_keyframes={keyframes}")
@@ -117,7 +117,7 @@ def live_rows(bag: Path, runs: int) -> Iterator[Row]:
 
 
 def node_rows(drive: RenderedDrive, runs: int, logs: Path) -> Iterator[Row]:
-    """Through the nodes in real time; nothing where ROS is missing, which is said.
+    """Rows of the drive through the nodes in real time; without ROS a message and no rows.
 
     Args:
         drive: what is played.
@@ -172,7 +172,7 @@ def drives(options: argparse.Namespace) -> RenderedDrives:
 
 
 def one_run(bag: Path, *settings: str) -> Dict[str, Any]:
-    """What the command `benchmark` writes of one run on one core."""
+    """Result of the command `benchmark` for one run on one core."""
     return benchmark(bag, 1, {}, "--repeats", "1", *as_options(*settings))
 
 

@@ -20,7 +20,7 @@ from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.settings import load_settings
 from ceiling_dso_ros.simulation.config import SimulationConfig
 
-FIXED = 1e12  # information beside which the images' is nothing
+FIXED = 1e12  # information so large that the images add nothing
 AFFINE = ("affine_a_information", "affine_b_information")
 
 # As `run --set` takes them.
@@ -66,7 +66,7 @@ def ablation(tracked: TrackedDrives, seeds: int) -> Iterator[Row]:
 def _runs(
     tracked: TrackedDrives, recordings: Sequence[str], seeds: int, run: OdometryRun, variant: str
 ) -> Dict[str, List[TrackedRun]]:
-    """By the name of what is tracked."""
+    """The runs by the name of the tracked recording or drive."""
     runs = {name: [tracked.shared(name, run, variant)] for name in recordings}
     drives = [tracked.drive(SimulationConfig(*DRIVE, seed), run, variant) for seed in range(seeds)]
     return {**runs, ", ".join(DRIVE): drives}
@@ -79,7 +79,7 @@ def _rows(title: str, runs: Dict[str, List[TrackedRun]]) -> Iterator[Row]:
 
 
 def _track_changed(change: str, tracked: TrackedDrives, recordings: Sequence[str], seeds: int) -> None:
-    """Let another process track with the changed method what has not been tracked with it."""
+    """Track with the changed method in another process, where there is no result yet."""
     kernels = tracked.kept.folder / "kernels" / change.replace(" ", "_")
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(kernels.resolve()), "CEILING_DSO_DATA": str(DATA.resolve())}
     folders = [str(folder.resolve()) for folder in (tracked.rendered.folder, tracked.kept.folder)]

@@ -1,7 +1,7 @@
-"""What bounds the kernels: the work of each against what the core can do at most, measured in the same process.
+"""What limits the kernels: the work of each, compared with the highest rates of the core, measured in the same process.
 
-Every kernel reads pixels between pixels, so that it may be bound by loads of single numbers from memory in no order; or
-by arithmetic; or by moving bytes in order. Counts are of the source, for a window in the middle of a drive.
+A kernel interpolates pixels, so it may be limited by loads of single numbers in random order, by arithmetic, or by
+moving bytes in order. The work is counted in the source, for a window in the middle of a drive.
 
 Run as `bounds.py BAG` on the core that is to be measured.
 """
@@ -40,10 +40,10 @@ FLOATS = 848 * 480  # of an image
 
 @dataclass(frozen=True)
 class Rates:
-    """What the core does at most in a nanosecond.
+    """Highest rates of the core, per nanosecond.
 
     Attributes:
-        loads: single float32 in no order from 256 kB, as many as the pixels around a host's points in an image.
+        loads: single float32 in random order from 256 kB, about the pixels around a host's points in an image.
         flops: fused multiplications and additions of float32, two each.
         bytes: copied in order between arrays of the size of an image, read and written.
     """
@@ -104,7 +104,7 @@ def best_ms(call: Callable[[], object]) -> float:
 
 
 def measure_rates() -> Rates:
-    """Of the core that this runs on."""
+    """Measure the rates of the core that this runs on."""
     rng = np.random.default_rng(0)
     source, indices = np.ones(1 << 16, np.float32), rng.integers(0, 1 << 16, 1 << 16).astype(np.uint32)
     x, rounds = np.ones(2048, np.float32), 64
@@ -117,7 +117,7 @@ def measure_rates() -> Rates:
 
 
 def measure_kernels(bag: Path) -> List[KernelCost]:
-    """Of a drive's window with default settings."""
+    """Measure the kernels on a window of a drive with default settings."""
     recording = open_recording(bag)
     prepare = ImagePreprocessor(recording.calibration, recording.photometric)
     odometry = DirectOdometry(recording.calibration.camera, OdometryConfig())
@@ -127,7 +127,7 @@ def measure_kernels(bag: Path) -> List[KernelCost]:
     return [
         _pyramid(odometry, image),
         _tracking(odometry),
-        *_linearization(odometry._mapper.window),  # nobody but this needs to look into the mapping
+        *_linearization(odometry._mapper.window),  # only this benchmark needs access to the mapping
     ]
 
 

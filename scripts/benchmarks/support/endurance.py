@@ -1,6 +1,7 @@
 """Half an hour of driving: whether memory or time per image grow.
 
-Times are in the machine's unit of the same minute: a machine that others use, too, is not equally fast for so long.
+Times are in the machine's unit of the same minute: a machine that has other work, too, changes its speed within half an
+hour.
 """
 
 import json
@@ -24,7 +25,7 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 
 MINUTES = 30
 EARLY, LATE = slice(5, 10), slice(25, 30)  # minutes whose times are compared
-IMAGES_A_UNIT, UNIT_RUNS = 60, 3  # the unit is measured after so many images, as the least of so many runs
+IMAGES_A_UNIT, UNIT_RUNS = 60, 3  # the unit is measured after this many images, as the minimum of this many runs
 
 
 def long(tracked: TrackedDrives, _: int) -> Iterator[Row]:

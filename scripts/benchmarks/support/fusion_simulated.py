@@ -1,4 +1,4 @@
-"""Parts of the fusion's benchmark that need no images: simulated at the level of trajectories, and real wheels."""
+"""Parts of the fusion's benchmark without images: simulated trajectories, and real wheels."""
 
 import sys
 import time
@@ -27,7 +27,7 @@ MINUTES = 30.0
 
 
 def consistency(_: Kept, __: int) -> Iterator[Row]:
-    """Whether the errors of many runs are as large as their covariances say, also after a time without camera."""
+    """Whether the errors of many runs agree with their covariances, also after a time without camera."""
     for subject, losses in ((f"{RUNS} runs", ()), (f"{RUNS} runs, blind for 5 s", BLIND)):
         runs = drawn_runs(RUNS, RUN_S, losses)
         runs = list(tqdm(runs, total=RUNS, desc="consistency", unit="run", disable=None))
@@ -39,7 +39,7 @@ def consistency(_: Kept, __: int) -> Iterator[Row]:
 
 
 def timing(_: Kept, __: int) -> Iterator[Row]:
-    """Half an hour of driving: how long graph updates take, and what they keep."""
+    """Half an hour of driving: how long graph updates take, and how much memory they keep."""
     updates_ms, memory_mb = _half_an_hour()
     third = len(updates_ms) // 3
     first, last = np.percentile(updates_ms[:third], 99), np.percentile(updates_ms[-third:], 99)

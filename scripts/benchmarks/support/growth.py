@@ -23,7 +23,7 @@ SIZES = ((424, 240), (848, 480), (1280, 720))
 USUAL_SIZE = (848, 480)
 # The published size of the window, of which the others are variations: not the package's own default.
 USUAL = ("window.max_keyframes=7", "window.active_points=2000")
-# What stands together in the figure, in the order of an image's way.
+# Stages that form one group in the figure, in processing order.
 GROUPS = {
     "image": ("undistort", "pyramid"),
     "track": ("track",),
@@ -42,7 +42,7 @@ class Variation:
     """One setting that differs from the usual ones.
 
     Attributes:
-        quantity, value: what grows, and how far.
+        quantity, value: the setting that is varied, and its value.
         settings: key=value texts for the odometry.
         size: width and height of the images, pixels.
     """
@@ -71,7 +71,7 @@ class Growth:
 
 
 def variations() -> Iterator[Variation]:
-    """All that are measured; the usual ones are among each quantity's."""
+    """All variations; each quantity includes the default value."""
     for points in POINTS:
         settings = f"window.active_points={points}", f"window.candidate_points={3 * points // 4}"
         yield Variation("points", str(points), settings)

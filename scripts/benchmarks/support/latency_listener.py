@@ -1,7 +1,7 @@
-"""Notes when messages arrive while a bag is played; writes that as JSON when it is told to stop.
+"""Records when messages arrive while a bag is played, and writes the times as JSON when it is stopped.
 
-Run with ROS's environment by `support/node_latency.py`. It does not take the images themselves: that would cost as much
-as the nodes' own taking them.
+Run with ROS's environment by `support/node_latency.py`. It does not subscribe to the images: that would cost as
+much as the nodes' own subscription.
 """
 
 import json

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def resident_mb() -> float:
-    """Megabytes in use, after what is free was given back: it would hide a growth."""
+    """Memory in use, MB, after free memory was returned to the system; free memory would hide a growth."""
     ctypes.CDLL("libc.so.6").malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * 4096 / 1e6

@@ -1,7 +1,7 @@
-"""Changes of the method itself, which no setting switches, for the ablation.
+"""Changes of the method for which there is no setting, for the ablation.
 
-Kernels are compiled with their constants, and a process that has changed the method has changed it for good: each
-change takes a process of its own, and a cache of compiled kernels of its own.
+Constants are compiled into the kernels, and a change cannot be undone within a process. So each change needs its own
+process and its own cache of compiled kernels.
 """
 
 import sys
@@ -19,7 +19,7 @@ from ceiling_dso_ros.dso.window.pair_geometry import PairGeometry, pair_geometry
 
 
 def without_huber() -> None:
-    """Squares instead of Huber's norm; the tracking's cutoff stays, at which its own norm becomes linear."""
+    """Squared errors instead of the Huber norm; the cutoff of the tracking stays."""
     _set_everywhere("HUBER", np.float32(1e6))
     tracking_kernels.HUBER = np.float32(TrackingConfig.cutoff)
 
@@ -30,7 +30,7 @@ def without_gradient_weight() -> None:
 
 
 def without_first_estimates() -> None:
-    """Jacobians of the bundle adjustment at the newest estimate, though the prior was made at an earlier one."""
+    """Jacobians of the bundle adjustment at the newest estimate, though the prior was linearised at an earlier one."""
 
     def at_the_estimate(keyframes: KeyframeArrays, n: int, intrinsics: np.ndarray) -> PairGeometry:
         newest = keyframes._replace(T_camera_world_eval=keyframes.T_camera_world, affine_eval=keyframes.affine)

@@ -1,4 +1,4 @@
-"""From an image's stamp to the published pose: a bag at real time through playback.launch, with the fusion beside."""
+"""Latency from an image's stamp to the published pose: a bag in real time through playback.launch, with the fusion."""
 
 import json
 import sys
@@ -11,7 +11,7 @@ from support.ros_processes import Environment, running
 
 LISTENER = Path(__file__).with_name("latency_listener.py")
 PLAY_TIMEOUT_S = 600.0
-END_NS = 1_000_000_000  # the nodes end with the bag: they may not get to its last images
+END_NS = 1_000_000_000  # the nodes end with the bag and may not process its last images
 
 
 @dataclass(frozen=True)
@@ -19,13 +19,13 @@ class Heard:
     """When messages arrived, in seconds of wall time, by their stamps in nanoseconds.
 
     An image's stamp, brought to wall time, is when `rosbag play` publishes its camera_info: a simulated bag records
-    both at their common stamp. The camera_info is small and played first, so that reading and sending the image belong
-    to the latency. What a real camera needs to read an image out does not, nor does the lateness of `rosbag play`.
+    both at their common stamp. The camera_info is small and played first, so that reading and sending the image are
+    part of the latency. The readout time of a real camera and delays of `rosbag play` are not.
 
     Attributes:
         images: camera_info.
         poses: visual_odometry/pose.
-        statuses: visual_odometry/status, one of every image that was not dropped.
+        statuses: visual_odometry/status, one for every image that was not dropped.
     """
 
     images: Dict[int, float]
@@ -33,16 +33,16 @@ class Heard:
     statuses: Dict[int, float]
 
     def latencies_ms(self) -> List[float]:
-        """From image to pose, of each pose."""
+        """Latency of each pose, from its image."""
         return [1e3 * (arrival_s - self.images[stamp_ns]) for stamp_ns, arrival_s in self.poses.items()]
 
     def latency_ms(self, percentile: float) -> float:
-        """A percentile of them, nan without any."""
+        """A percentile of the latencies, nan without poses."""
         latencies_ms = self.latencies_ms()
         return float(np.percentile(latencies_ms, percentile)) if latencies_ms else np.nan
 
     def dropped_percent(self) -> float:
-        """Share of the images after the first pose that have no status, nan without any; a last second is left out."""
+        """Share of images after the first pose without a status, nan without any; the last second is left out."""
         first_ns, end_ns = min(self.poses, default=np.inf), max(self.images, default=0) - END_NS
         dropped = [stamp_ns not in self.statuses for stamp_ns in self.images if first_ns < stamp_ns <= end_ns]
         return 100.0 * float(np.mean(dropped)) if dropped else np.nan

@@ -1,4 +1,4 @@
-"""Processes on a roscore of their own, with the catkin workspace of this checkout; none is left behind."""
+"""Processes on a separate roscore, with the catkin workspace of this checkout; all are ended."""
 
 import os
 import shutil
@@ -21,7 +21,9 @@ Environment = Dict[str, str]
 
 
 def ros_environment(log_folder: Path) -> Optional[Environment]:
-    """Of the workspace's nodes, on a free port; None where ROS or the workspace is missing, which is said.
+    """Environment of the workspace's nodes, with a roscore on a free port.
+
+    None, and a message, if ROS or the workspace is missing.
 
     Args:
         log_folder: where the nodes write their logs.
@@ -39,7 +41,7 @@ def ros_environment(log_folder: Path) -> Optional[Environment]:
 
 @contextmanager
 def running(command: Sequence[str], environment: Environment, log: TextIO) -> Iterator[subprocess.Popen]:
-    """A process that is told to end with the block, as it is by Ctrl-C; what it prints goes to the log.
+    """A process that is interrupted like by Ctrl-C when the block ends; its output goes to the log.
 
     Raises:
         OSError: it cannot be started.
@@ -58,7 +60,7 @@ def running(command: Sequence[str], environment: Environment, log: TextIO) -> It
 
 
 def _workspace_environment() -> Environment:
-    """After sourcing the workspace; empty where that fails."""
+    """Environment after sourcing the workspace; empty if that fails."""
     command = ["bash", "-c", 'source "$0" >&2 && env --null', str(SETUP)]
     sourced = subprocess.run(command, stdout=subprocess.PIPE, timeout=SETUP_TIMEOUT_S, text=True)
     variables = dict(entry.split("=", 1) for entry in sourced.stdout.split("\0") if entry)

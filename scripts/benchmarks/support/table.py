@@ -1,4 +1,4 @@
-"""What was measured beside its limits."""
+"""Measured values beside their limits."""
 
 import math
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ class Row:
 
     @property
     def holds(self) -> bool:
-        """Whether it does."""
+        """Whether the limit holds."""
         return len(self.values) > 0 and all(self.low <= value <= self.high for value in self.values)
 
     def cells(self) -> List[str]:
-        """As text."""
+        """The row as text."""
         values = "  ".join(f"{v:.3g}" for v in self.values)
         if math.isinf(self.low) and math.isinf(self.high):
             return [self.subject, self.measure, values, "", ""]

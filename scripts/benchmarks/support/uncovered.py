@@ -1,7 +1,7 @@
-"""Many first maps, begun while a cover slides off the lens.
+"""Many starts of the odometry while a cover slides off the lens.
 
-The edge of the cover is blurred, since it is near, and moves by itself; until it is gone the view is narrow. A map made
-of such images is wrong for as long as its segment lasts.
+The edge of the cover is blurred because it is near, and it moves independently of the ceiling. Until it is gone the
+view is narrow. A wrong first map made from such images stays wrong for its whole segment.
 """
 
 from dataclasses import dataclass, field
@@ -22,16 +22,16 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 EVERY, FRAMES = 65, 120  # images from one start to the next, and that each is followed
 SLIDING, BLUR = 6, 0.04  # images until the cover is gone; width of its edge, share of the image's
 COVER_GREY = 2.0
-WORST_PERCENT = 0.5  # of the way: a wrong map errs by more
+WORST_PERCENT = 0.5  # of the path: a wrong map has a larger error
 
 
 @dataclass
 class Start:
-    """A start under way.
+    """A start of the odometry that is being followed.
 
     Attributes:
         first: index of its first image in the drive.
-        phase: how far the cover has come in that image, of one image's way.
+        phase: progress of the cover in that image, as a share of its motion per image.
     """
 
     first: int
@@ -41,7 +41,7 @@ class Start:
 
 
 def uncovered(tracked: TrackedDrives, count: int) -> Iterator[Row]:
-    """The odometry started again and again within loops under the factory roof."""
+    """Start the odometry many times within loops under the factory roof."""
     drives = [tracked.rendered.drive(SimulationConfig("loops", seed=seed)) for seed in range(count)]
     runs = [run for drive in drives for run in starts_under_cover(drive)]
     subject = f"loops, factory, {len(runs)} starts under a cover"
@@ -56,14 +56,14 @@ def uncovered(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 
 
 def covered(image: np.ndarray, images: float) -> np.ndarray:
-    """An image with a cover that has been sliding off to the right for so many images' time."""
+    """An image with a cover that has been sliding off to the right for `images` image intervals."""
     edge = images / SLIDING * (1.0 + 2.0 * BLUR) - BLUR
     visible = np.clip((edge - np.linspace(0.0, 1.0, image.shape[1])) / BLUR + 0.5, 0.0, 1.0)
     return (image * visible + COVER_GREY * (1.0 - visible)).astype(np.float32)
 
 
 def starts_under_cover(drive: RenderedDrive) -> Iterator[TrackedRun]:
-    """A run of every start within a drive."""
+    """One run for every start within a drive."""
     recording = drive.recording
     preprocess = ImagePreprocessor(recording.calibration, recording.photometric)
     phases = np.random.default_rng(0)

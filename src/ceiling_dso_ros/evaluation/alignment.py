@@ -11,7 +11,7 @@ import numpy as np
 
 MIN_PAIRS = 3
 
-# Points whose spread across their line is less than this part of the spread along it do not fix a rotation in space.
+# The rotation is not determined if the points' spread across their main line is less than this part of that along it.
 _COLLINEAR_RATIO = 1e-3
 
 
@@ -47,8 +47,8 @@ class Alignment:
         R: (3, 3) float64 rotation; about z alone when planar.
         t_m: (3,) float64 in the reference's unit; no z when planar.
         scale: lambda, reference units per unit of the estimate.
-        rotation_determined: False when the points lie on one line, so that turning about it changes no position
-            error and the rotation (hence every orientation error) is arbitrary.
+        rotation_determined: False when the points lie on one line, so a rotation about this line changes no
+            position error, and the rotation (hence every orientation error) is arbitrary.
     """
 
     kind: AlignmentKind
@@ -84,7 +84,7 @@ def align(estimate: np.ndarray, reference: np.ndarray, kind: AlignmentKind) -> A
     p_centred, g_centred = p - p_mean, g - g_mean
     for name, points in (("estimate", p), ("reference", g)):
         if kind.scaled and np.ptp(points, axis=0).max() == 0.0:
-            raise AlignmentError(f"the {name} does not move, so there is no scale")
+            raise AlignmentError(f"the {name} does not move, so its scale cannot be estimated")
 
     U, singular, Vt = np.linalg.svd(g_centred.T @ p_centred / len(p))
     signs = np.ones(dimensions)

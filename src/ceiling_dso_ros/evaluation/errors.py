@@ -10,13 +10,13 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
-# A sub-trajectory may be longer than wanted by this part: what a sparse or interrupted trajectory leaves out.
+# A sub-trajectory may be longer than its nominal length by this part; longer ones span a gap and are left out.
 _LENGTH_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of the absolute values of one kind of error, in its unit."""
+    """Statistics of the absolute values of one kind of error, in its unit."""
 
     rmse: float
     mean: float
@@ -85,7 +85,7 @@ def relative_errors(
     """Relative errors of all sub-trajectories of each length that the reference holds.
 
     A sub-trajectory starts at every pose and ends at the first one that is its length further along the reference.
-    The estimate brings the scale of its global alignment, as a monocular one has none of its own.
+    The estimate has the scale of its global alignment, because a monocular estimate has no metric scale.
 
     Args:
         aligned: (N, 4, 4) float64 estimate after equation (15).

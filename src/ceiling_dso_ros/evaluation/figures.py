@@ -54,7 +54,7 @@ def write_figures(
 
 
 def _trajectory_figure(references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
-    """Seen along the reference world's z axis, as it is drawn on a floor plan."""
+    """The trajectories seen along the reference world's z axis, as on a floor plan."""
     figure = Figure(figsize=(6.4, 5.2), layout="constrained")
     axes = figure.add_subplot(title="Trajectory from above, aligned to the reference", xlabel="x [m]", ylabel="y [m]")
     for index, (x, y, _) in enumerate(positions_m.T for positions_m in references_m):
@@ -96,7 +96,7 @@ def _colours(evaluations: Sequence[TrajectoryEvaluation]) -> Sequence[str]:
 
 
 def _legend(axes: Axes) -> None:
-    """Beneath the axes, where it hides nothing."""
+    """Draw the legend below the axes, where it hides nothing."""
     axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 

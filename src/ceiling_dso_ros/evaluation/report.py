@@ -1,4 +1,4 @@
-"""Evaluates trajectories against a reference; the numbers as JSON and as tables."""
+"""Evaluates trajectories against a reference and gives the results as JSON and as tables."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Dict, Optional, Sequence, Tuple
@@ -64,7 +64,7 @@ class TrajectoryEvaluation:
         return float(self.travelled_m[-1])
 
     def numbers(self) -> Dict[str, Any]:
-        """Everything but the curves, of types that JSON knows."""
+        """All results except the curves, as types that JSON supports."""
         rotation = None if self.rotation_errors_deg is None else asdict(Statistics.of(self.rotation_errors_deg))
         return {
             "alignment": self.alignment.kind.value,
@@ -95,7 +95,7 @@ def evaluate_trajectory(
         reference: poses of the same body.
         kind: which transformation aligns them.
         max_difference_s: tau of equation (13), seconds.
-        interpolate: take the reference at the very stamps of the estimate instead of at its nearest ones.
+        interpolate: interpolate the reference at the stamps of the estimate, instead of taking its nearest poses.
 
     Raises:
         EvaluationError: no common time, fewer than three pairs, or no motion to take a scale from.
@@ -168,7 +168,7 @@ def _relative_row(name: str, errors: RelativeErrors) -> Dict[str, str]:
 
 
 def _pairs(estimate: Trajectory, reference: Trajectory, max_difference_s: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Equation (13), with an error that says what to do when there is too little in common."""
+    """Equation (13); the error message says what to do if there are too few pairs."""
     index, reference_index = associate(estimate.stamps_ns, reference.stamps_ns, max_difference_s)
     if len(index) == 0:
         ranges = f"it covers {_range(estimate)}, the reference {_range(reference)}"

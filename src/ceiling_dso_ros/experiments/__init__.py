@@ -1,1 +1,1 @@
-"""Many runs: drives that are rendered and tracked once, and what the truth says of them."""
+"""Many runs: drives that are rendered and tracked once, and their errors against the ground truth."""

@@ -1,4 +1,4 @@
-"""One run of the fusion over a tracked recording, measured against the truth."""
+"""One run of the fusion over a tracked recording, compared with the ground truth."""
 
 from typing import List, Sequence, Tuple
 
@@ -17,12 +17,12 @@ from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
 
 class FusedRun:
-    """Plays wheels and odometry into the fusion.
+    """Plays wheel samples and visual odometry into the fusion.
 
     Attributes:
         recording: with wheels and the nominal robot.
-        playback: what the fusion made of them.
-        path_m: how far the base went.
+        playback: the results of the fusion.
+        path_m: length of the base's path.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class FusedRun:
         self.path_m = float(self._way_m[-1])
 
     def ate_m(self, trajectory: Trajectory, kind: AlignmentKind = AlignmentKind.SE2) -> float:
-        """Root mean square position error of the base after an alignment, at the very stamps of the estimate."""
+        """Root mean square position error of the base after an alignment, at the stamps of the estimate."""
         return evaluate_trajectory("", trajectory, self._base_truth, kind, 0.05, interpolate=True).ate_m.rmse
 
     def ate_percent(self, trajectory: Trajectory) -> float:
@@ -57,14 +57,14 @@ class FusedRun:
         return 100.0 * self.ate_m(trajectory) / self.path_m
 
     def scale_error_percent(self, way_m: float, wheels_per_true: float = 1.0) -> float:
-        """Error of the scale as known after so much way, inf where none is known.
+        """Error of the scale after a distance, inf where no scale is known.
 
-        The truth is the scale of the Sim(3) that aligns the camera's path of that segment so far, as the odometry has
-        it in the end, with the true one: over shorter ways the errors of the odometry hide it.
+        The truth is the scale of the Sim(3) that aligns the camera's path in that segment so far (final estimate of the
+        odometry) with the true path. Over shorter distances the errors of the odometry hide it.
 
         Args:
-            way_m: of the base from the start.
-            wheels_per_true: length of a way by the wheels over its true length, to which the scale is bound.
+            way_m: distance driven by the base from the start.
+            wheels_per_true: distance by the wheels over the true distance; the scale has the same error.
         """
         until_ns = self.stamp_ns(way_m)
         scale = [state for stamp_ns, state in self._scales if stamp_ns <= until_ns][-1]
@@ -77,7 +77,7 @@ class FusedRun:
         return 100.0 * abs(scale.value / (aligned.scale * wheels_per_true) - 1.0)
 
     def wheels_per_true(self) -> float:
-        """Length of the whole way by the wheels over its true length."""
+        """Total distance by the wheels over the true distance."""
         steps_m = np.hypot(*np.diff(self.playback.wheel().positions[:, :2], axis=0).T)
         return float(steps_m.sum()) / self.path_m
 
@@ -97,7 +97,7 @@ class FusedRun:
         return np.array([state.stamp_ns for state in states], np.int64), np.array([state.pose for state in states])
 
     def largest_jump_m(self) -> float:
-        """Largest difference of an output's motion and the true motion."""
+        """Largest difference between the motion from one output to the next and the true motion."""
         stamps_ns, poses = self.published()
         true = self.true_poses(stamps_ns)
         errors = [
@@ -107,11 +107,11 @@ class FusedRun:
         return float(np.hypot(*np.transpose(errors)).max())
 
     def end_apart_m(self, other: "FusedRun") -> float:
-        """Distance of the last output from that of another run over the same way."""
+        """Distance of the last output from that of another run of the same drive."""
         return float(np.hypot(*(self.published()[1][-1] - other.published()[1][-1])[:2]))
 
     def wheel_drift_m(self, start_ns: int, end_ns: int) -> float:
-        """How far off the end would be with the wheels' motion instead of the true one between two stamps."""
+        """Error of the end position if the wheels' motion replaces the true one between two stamps."""
         before, after = _in_plane(self.playback.wheel(), [start_ns, end_ns])
         true_start, true_end, true_last = self.true_poses([start_ns, end_ns, self._base_truth.stamps_ns[-1]])
         drifted = planar.compose(true_start, planar.between(before, after))

@@ -1,4 +1,4 @@
-"""Recordings as the odometry has seen them, kept in a folder, since rendering and tracking a drive takes minutes."""
+"""Results of the odometry for recordings, kept in a folder because rendering and tracking a drive takes minutes."""
 
 import hashlib
 import itertools
@@ -30,9 +30,9 @@ class OdometryRun:
 
     Attributes:
         config: the odometry's settings.
-        first: index of the first image that is taken.
-        every: of so many images one is taken.
-        predict: the recording's wheels tell how the camera has moved.
+        first: index of the first image that is tracked.
+        every: one of this many images is tracked.
+        predict: predict the motion of the camera from the wheels.
     """
 
     config: OdometryConfig = OdometryConfig()
@@ -41,7 +41,7 @@ class OdometryRun:
     predict: bool = False
 
     def track(self, recording: Recording, name: str) -> Statuses:
-        """What the odometry says of the images."""
+        """Track the images; the status of each."""
         visual = VisualRun.of(recording, self.config)
         fusion = FusionPlayback(recording.wheels, robot_model(recording.robot)) if self.predict else None
         frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
@@ -57,29 +57,32 @@ class OdometryRun:
 
 @dataclass(frozen=True)
 class Kept:
-    """Where the odometry's word on recordings is kept.
+    """Folder in which the odometry's results for recordings are kept.
 
     Attributes:
         folder: made if missing.
-        fresh: track again what is there already.
+        fresh: track again even if a result exists.
     """
 
     folder: Path
     fresh: bool = False
 
     def statuses(self, recording: Recording, name: str, run: OdometryRun = OdometryRun()) -> Statuses:
-        """What the odometry says of every image of a recording that goes by that name in the folder."""
+        """Status of every image of a recording, from the folder if there is a result of that name, else tracked now."""
         path, version = self.folder / f"{name}.pickle", _version()
         if self.fresh or not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             path.write_bytes(pickle.dumps((version, run.track(recording, name))))
         tracked_by, statuses = pickle.loads(path.read_bytes())
         if tracked_by != version:
-            print(f"{path}: of another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
+            print(f"{path}: made by another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
         return statuses
 
     def drive(self, config: SimulationConfig) -> Tuple[SimulatedRecording, Statuses]:
-        """A simulated drive of the usual length, camera and vibration; wheels, slip and late stamps are not seen."""
+        """Statuses of a simulated drive with the default length, camera and vibration.
+
+        Wheels, slip and late stamps do not change them.
+        """
         seen = tuple(event for event in config.events if event.partition("@")[0] not in UNSEEN_EVENTS)
         name = "_".join([config.sequence, config.ceiling, str(config.seed), *seen])
         statuses = self.statuses(SimulatedRecording(replace(config, events=seen, time_offset_s=0.0)), name)
@@ -89,13 +92,13 @@ class Kept:
 
 
 def is_missing(folder: Path) -> bool:
-    """Whether a shared recording is not there; says so."""
+    """Whether a shared recording is missing; prints a message if it is."""
     if not folder.is_dir():
         print(f"{folder} is missing, skipped: set CEILING_DSO_DATA to the folder of the recordings", file=sys.stderr)
     return not folder.is_dir()
 
 
 def _version() -> str:
-    """Of all that the odometry's word depends on."""
+    """Digest of everything that the odometry's results depend on."""
     sources = (path for package in (dso, simulation) for path in Path(package.__file__).parent.rglob("*.py"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -1,4 +1,4 @@
-"""Simulated drives as bags in a folder: rendering an image takes several times as long as tracking it."""
+"""Simulated drives, kept as bags because rendering an image takes several times as long as tracking it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +20,8 @@ class RenderedDrive:
 
     Attributes:
         bag: where it is.
-        simulated: for the truth; its images would have to be rendered.
-        recording: the bag, in which they are.
+        simulated: gives the ground truth; its images would have to be rendered again.
+        recording: gives the images from the bag.
     """
 
     bag: Path
@@ -30,18 +30,18 @@ class RenderedDrive:
 
     @property
     def name(self) -> str:
-        """The bag's, without its ending."""
+        """Name of the bag without its extension."""
         return self.bag.stem
 
 
 @dataclass(frozen=True)
 class RenderedDrives:
-    """A folder of such bags, 0.4 MB an image at 848x480; what is there is not rendered again."""
+    """A folder of rendered drives, 0.4 MB per image at 848x480; existing bags are not rendered again."""
 
     folder: Path
 
     def drive(self, config: SimulationConfig) -> RenderedDrive:
-        """One with the usual wheels and vibration; of the camera only the image's size may differ."""
+        """A drive with the default wheels and vibration; of the camera only the image size may differ."""
         simulated = SimulatedRecording(config)
         length = [f"{config.duration_s:g}s"] if config.duration_s else []
         camera = config.camera
@@ -56,7 +56,7 @@ class RenderedDrives:
 
 
 def _render(simulated: SimulatedRecording, bag: Path) -> None:
-    """Write a bag that bears its name only when it is complete."""
+    """Write a bag; it gets its final name only when it is complete."""
     unfinished = bag.with_suffix(".part.bag")
     unfinished.unlink(missing_ok=True)
     write_files_beside(bag, simulated)

@@ -1,4 +1,4 @@
-"""Recordings and simulated drives after the odometry, both kept in a folder."""
+"""Recordings and simulated drives with the odometry's results, both kept in a folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +15,11 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 
 @dataclass(frozen=True)
 class TrackedDrives:
-    """Renders and tracks what is not there yet, and tells of each run in a line.
+    """Renders and tracks what does not exist yet, and prints one line for each run.
 
     Attributes:
         rendered: bags of the simulated drives.
-        kept: what the odometry said of them.
+        kept: the odometry's results.
         recordings: folder of the shared recordings.
     """
 
@@ -28,14 +28,14 @@ class TrackedDrives:
     recordings: Path
 
     def drive(self, config: SimulationConfig, run: OdometryRun = OdometryRun(), variant: str = "") -> TrackedRun:
-        """A simulated drive; `variant` names another run than the usual one."""
+        """A simulated drive; `variant` names a run that differs from the default."""
         drive = self.rendered.drive(config)
         name = drive.name + variant
         tracked = TrackedRun(self.kept.statuses(drive.recording, name, run), drive.simulated.camera_truth)
         return _told(name, tracked)
 
     def shared(self, name: str, run: OdometryRun = OdometryRun(), variant: str = "", exact: bool = True) -> TrackedRun:
-        """A shared recording; exact: against the truth interpolated at the stamps instead of that of nearest stamps."""
+        """A shared recording; exact: interpolate the truth at the stamps, instead of taking its nearest poses."""
         statuses = self.kept.statuses(open_recording(self.recordings / name), name + variant, run)
         return _told(name + variant, TrackedRun(statuses, read_tum(self.recordings / name / "groundtruth.tum"), exact))
 

@@ -1,4 +1,4 @@
-"""What the odometry said of a recording, against the truth."""
+"""Results of the odometry for a recording, compared with the ground truth."""
 
 from collections import defaultdict
 from typing import Dict, List, Sequence, Tuple
@@ -15,9 +15,9 @@ from ceiling_dso_ros.io.stamps import LATEST_NS
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
-PAIRING_S = 0.02  # the truth is taken at the very stamps; this only bounds how far away its samples may be
-MOVING_M_S = 0.05  # a camera slower than that stands
-SIGMAS = 5.0  # beyond so many of its own standard deviations a pose is wrong
+PAIRING_S = 0.02  # the truth is interpolated; this only limits how far away its samples may be
+MOVING_M_S = 0.05  # a slower camera stands still
+SIGMAS = 5.0  # a pose with a larger error, in its standard deviations, is wrong
 
 
 class TrackedRun:
@@ -34,8 +34,8 @@ class TrackedRun:
 
         Args:
             statuses: one of each image.
-            truth: at any stamps.
-            interpolate: align with the truth at the very stamps of the images, not at its nearest ones.
+            truth: with its own stamps.
+            interpolate: interpolate the truth at the stamps of the images, instead of taking its nearest poses.
         """
         self.statuses = statuses
         self._stamps_ns = np.array([status.stamp_ns for status in statuses], np.int64)
@@ -68,12 +68,12 @@ class TrackedRun:
 
     @property
     def live_ate_m(self) -> float:
-        """The same of the poses as they were known at once."""
+        """The same for the poses as they were known when each image was processed."""
         return _ate_m(self._live.values())
 
     @property
     def final_ate_percent(self) -> float:
-        """Share of the path of all segments, inf without any."""
+        """final_ate_m as a share of the path of all segments, inf without segments."""
         path_m = sum(evaluation.path_m for evaluation in self._final.values())
         return 100.0 * self.final_ate_m / path_m if path_m > 0 else np.inf
 
@@ -89,7 +89,7 @@ class TrackedRun:
     def motion_without_pose_s(self, start_ns: int = LATEST_NS, end_ns: int = 0) -> float:
         """Longest time in motion between two poses, not counted from start_ns to end_ns, the time of an event.
 
-        What is missing at the end counts; what comes before the first pose does not, unless there is none.
+        The time after the last pose counts. The time before the first pose does not, unless there is no pose at all.
         """
         moving = self._moving_s()
         moving[(self._stamps_ns >= start_ns) & (self._stamps_ns <= end_ns)] = 0.0
@@ -101,7 +101,7 @@ class TrackedRun:
         return longest
 
     def motion_before_first_pose_s(self) -> float:
-        """Time in motion until then."""
+        """Time in motion until the first pose."""
         return float(self._moving_s()[: self.first_pose + 1].sum())
 
     def _moving_s(self) -> np.ndarray:
@@ -111,10 +111,10 @@ class TrackedRun:
         return np.where(steps_m > MOVING_M_S * steps_s, steps_s, 0.0)
 
     def normalised_errors_squared(self) -> np.ndarray:
-        """Of the poses relative to their keyframes, (N,), nan where there is no covariance; expected are 6 each.
+        """NEES of the poses relative to their keyframes, (N,), nan where there is no covariance; expected is 6.
 
-        That is what the tracking measures: a keyframe's own error is the same for all images that refer to it. The unit
-        of length is that of the segment as a whole.
+        The pose relative to the keyframe is what the tracking measures: the error of a keyframe is common to all images
+        that refer to it. The unit of length is that of the whole segment.
         """
         nees = np.full(len(self.statuses), np.nan)
         index = {status.stamp_ns: i for i, status in enumerate(self.statuses)}
@@ -132,24 +132,24 @@ class TrackedRun:
 
     @property
     def mean_nees(self) -> float:
-        """Of all poses with a covariance, nan without any; expected are 6."""
+        """Mean NEES of all poses with a covariance, nan without any; expected is 6."""
         known = self.normalised_errors_squared()
         known = known[np.isfinite(known)]
         return float(known.mean()) if len(known) else np.nan
 
     def longest_wrong_s(self) -> float:
-        """Longest time in which all poses are more than SIGMAS of their own covariances off."""
+        """Longest time in which the errors of all poses exceed SIGMAS standard deviations."""
         longest_ns, since_ns = 0, None
         for stamp_ns, nees, tracking in zip(self._stamps_ns, self.normalised_errors_squared(), self._tracking):
             if nees > SIGMAS**2:
                 since_ns = stamp_ns if since_ns is None else since_ns
                 longest_ns = max(longest_ns, stamp_ns - since_ns)
-            elif not (tracking and np.isnan(nees)):  # a keyframe refers to itself: no error, no verdict
+            elif not (tracking and np.isnan(nees)):  # a keyframe refers to itself, so it has no error
                 since_ns = None
         return seconds(longest_ns)
 
     def losses(self) -> List[str]:
-        """When tracking was lost, in seconds from the first image, and what was said."""
+        """Time of each loss, in seconds from the first image, and its message."""
         lost = [status for status in self.statuses if status.state is TrackingState.LOST]
         start_ns = self.statuses[0].stamp_ns
         return [f"{seconds(status.stamp_ns - start_ns):.2f} s: {status.message}" for status in lost]

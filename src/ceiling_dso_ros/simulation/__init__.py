@@ -1,1 +1,1 @@
-"""A robot under a factory roof: ceilings, camera, wheels and sensors, as a Python API and as a bag."""
+"""Simulates a robot under a ceiling with its camera, wheels and other sensors: from Python, or into a bag."""

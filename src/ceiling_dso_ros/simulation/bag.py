@@ -27,7 +27,7 @@ CAMERA_NAMESPACES = {
 
 
 def files_beside(bag: Path) -> Dict[str, Path]:
-    """What is written beside a bag: the camera's and the base's true poses, all true values, the nominal robot."""
+    """Paths of the files beside a bag: true poses of camera and base, all true values, nominal robot."""
     endings = {
         "camera": ".groundtruth.tum",
         "base": ".groundtruth_base.tum",
@@ -60,7 +60,7 @@ def write_measurements(bag: MessageWriter, recording: SimulatedRecording, measur
     mounts = simulation.robot.static_transforms()
     fitted = {*simulation.cameras, "laser", *(("imu",) if simulation.config.imu else ())}
     transforms = [("base_link", child, T) for child, T in mounts.items() if child in fitted]
-    # odom begins where the robot starts, so that all of a run can be seen in one fixed frame with the truth
+    # odom starts at the robot's first pose, so rviz can show a run and the truth in one fixed frame
     T_map_odom = planar.lift(simulation.robot.motion.poses(np.zeros(1))[0])
     bag.tf_static(START_NS, [("map", "odom", T_map_odom), *transforms])
     messages = _Messages(bag, recording)
@@ -125,7 +125,7 @@ class _Messages:
         self._bag.imu("/imu", reading.stamp_ns, "imu", reading.angular_rate, reading.specific_force)
 
 
-UNKNOWN_VARIANCE = 1e-6  # of z, roll and pitch, which a floor fixes
+UNKNOWN_VARIANCE = 1e-6  # of z, roll and pitch, which the floor determines
 
 
 def _planar_covariance(covariance: np.ndarray) -> np.ndarray:

@@ -15,22 +15,23 @@ from ceiling_dso_ros.simulation.events import Event, light_level
 
 NATIVE_WIDTH, NATIVE_FOCAL_PX = 848, 425.3
 CENTER_OFFSET_PX = (2.4, -1.3)  # principal point from the middle of the native image
-OVERSAMPLING = 1.5  # of the picture that a lens distorts, so that interpolation blurs little
+OVERSAMPLING = 1.5  # resolution of an image before distortion, so that interpolation blurs little
 REFERENCE_EXPOSURE_MS = 5.6  # the exposure at which radiance 1 saturates
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """All that is known of a camera.
+    """Properties of a camera.
 
     Attributes:
         width, height: pixels, multiples of 4.
         fps: frames per second.
         read_noise: standard deviation of the noise in the dark, grey levels.
-        shot_noise: that of the light itself at full scale, grey levels; it grows with the root of the light.
+        shot_noise: standard deviation of the photon noise at full scale, grey levels; it grows with the square root of
+            the light.
         exposure_drift: standard deviation of the logarithm of the exposure time, which drifts over seconds.
-        response_gamma: the grey level is the light to the power of 1 / gamma.
-        vignette: share of the light that is lost in the corners.
+        response_gamma: the grey level is proportional to the light to the power of 1 / gamma.
+        vignette: share of the light that the corners lose.
         distortion: k1 k2 p1 p2 of a radial-tangential lens; empty when rectified.
     """
 
@@ -69,7 +70,7 @@ class CameraModel:
 
     @cached_property
     def pinhole(self) -> PinholeCamera:
-        """The camera that is rendered: the lens's own where it is rectified, else one that sees all the lens sees."""
+        """The pinhole camera that is rendered; without rectification its view covers that of the lens."""
         lens = self.lens
         if not self.distortion:
             return PinholeCamera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height)
@@ -84,7 +85,7 @@ class CameraModel:
         return PhotometricCalibration(inverse, self._vignette if self.vignette > 0 else None)
 
     def distort(self, radiance: np.ndarray) -> np.ndarray:
-        """The picture of `pinhole` as the lens shows it."""
+        """Distort an image of `pinhole` as the lens does."""
         if not self.distortion:
             return radiance
         columns, rows = self._map
@@ -144,10 +145,10 @@ CONTROL_STEP_S = 0.02
 
 
 class ExposureControl:
-    """The camera's automatic exposure: it follows the light with a lag, and drifts a little all the time.
+    """The camera's automatic exposure: it follows the light with a delay, and drifts slowly.
 
     Attributes:
-        phases: (4,) of the sines that the drift is made of, radians.
+        phases: (4,) phases of the sines that make up the drift, radians.
     """
 
     def __init__(

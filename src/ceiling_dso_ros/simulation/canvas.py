@@ -1,7 +1,7 @@
-"""A canvas to paint a material on: positions in metres, the same picture at every resolution.
+"""A canvas for the texture of a material: positions in metres, the same texture at every resolution.
 
-A texel is a sample, not an area: texel (j, i) holds the value at (u, v) = (i, j) * texel_m. What is painted is low-pass
-filtered in the end, so that bilinear interpolation between texels shows no steps.
+A texel is a sample, not an area: texel (j, i) holds the value at (u, v) = (i, j) * texel_m. At the end the texture is
+low-pass filtered, so that bilinear interpolation between texels shows no steps.
 """
 
 from typing import Sequence, Tuple
@@ -18,7 +18,7 @@ class Canvas:
         values: (rows, columns) float32.
         size_m: (width, height) in metres.
         texel_m: spacing of the samples in metres.
-        rng: for positions and the like; noise has its own generators so that it does not depend on the resolution.
+        rng: for positions and similar choices; noise has its own generators, so it does not depend on the resolution.
     """
 
     def __init__(self, size_m: Tuple[float, float], texel_m: float, seed: Sequence[int], base: float) -> None:
@@ -30,7 +30,7 @@ class Canvas:
         self.rng = np.random.default_rng(self._seeds)
 
     def noise(self, wavelength_m: Tuple[float, float], amplitude: float) -> None:
-        """Multiply by 1 + amplitude x smooth noise of unit variance that varies over wavelength_m along u and v."""
+        """Multiply by 1 + amplitude x smooth noise of unit variance, with wavelengths of wavelength_m along u and v."""
         rng = np.random.default_rng(self._seeds.spawn(1)[0])
         if min(wavelength_m) < 3.0 * self.texel_m:
             return  # would be filtered away
@@ -119,7 +119,8 @@ class Canvas:
 def _cubic_weights(nodes: int, texels_per_node: float, texels: int) -> csr_matrix:
     """Weights of nodes in the texels between them, (texels, nodes) float32; beyond the edges the last node goes on.
 
-    Cubic convolution (Keys 1981) with a = -0.75. Not by cv2.resize, which rounds as its threads share the work.
+    Cubic convolution (Keys 1981) with a = -0.75. cv2.resize is not used, because its rounding depends on the number of
+    threads.
     """
     position = (np.arange(texels) + 0.5) / texels_per_node - 0.5
     nearby = np.floor(position)[:, None] + np.arange(-1, 3)

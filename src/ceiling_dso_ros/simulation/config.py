@@ -1,4 +1,4 @@
-"""Everything that can be chosen about a simulated recording."""
+"""Settings of a simulated recording."""
 
 from dataclasses import dataclass, field
 from typing import Tuple
@@ -14,18 +14,18 @@ __all__ = ["ConfigError", "SimulationConfig"]
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """What is simulated.
+    """Settings of one simulated drive.
 
     Attributes:
         sequence: a name of SEQUENCES.
         ceiling: a name of CEILINGS.
-        seed: of everything that is drawn at random.
+        seed: of all random choices.
         duration_s: length; further laps are driven until then, or the sequence is cut. 0 for one lap.
         camera: of all images.
-        wheels: how they differ from the nominal ones.
+        wheels: differences between the real and the nominal wheels.
         vibration: of the base.
         events: texts as `events.parse_events` takes them.
-        time_offset_s: how much later than the truth the stamps of the images are.
+        time_offset_s: delay of the image stamps: stamp minus true time.
         stereo: a second upward camera, 95 mm to the right.
         forward: a camera that looks ahead.
         imu: an inertial unit.

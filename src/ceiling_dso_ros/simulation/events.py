@@ -1,7 +1,7 @@
-"""What goes wrong: events that can be laid over any sequence.
+"""Faults and disturbances, called events, that can be added to any sequence.
 
-An event is written `NAME`, `NAME@START` or `NAME@START+DURATION` in seconds; without a start it happens at a usual
-place of the sequence.
+An event is written `NAME`, `NAME@START` or `NAME@START+DURATION` in seconds; without a start it happens at the
+default time for its kind.
 """
 
 import re
@@ -36,8 +36,8 @@ class Kind:
     """A kind of event.
 
     Attributes:
-        starts: usual beginnings as shares of the sequence's duration.
-        duration_s: usual length.
+        starts: default start times as shares of the sequence's duration.
+        duration_s: default duration.
         meaning: in words.
     """
 
@@ -49,7 +49,7 @@ class Kind:
 KINDS: Dict[str, Kind] = {
     "slip": Kind((0.25, 0.5, 0.75), 0.5, "the left wheel turns twice as far as it should"),
     "lights_off": Kind((0.4,), 0.3, "all lamps go out; the exposure follows slowly"),
-    "lights_on": Kind((0.55,), 0.3, "the lamps go on again; without lights_off they were out until then"),
+    "lights_on": Kind((0.55,), 0.3, "the lamps go on again; without lights_off they are off until then"),
     "cover": Kind((0.45,), 5.0, "something covers the lens"),
     "bump": Kind((0.3, 0.6), 0.6, "the robot drives over a cable: it pitches and bounces"),
     "drop_frames": Kind((0.35,), 2.0, "most images are lost"),
@@ -59,7 +59,7 @@ PATTERN = re.compile(r"(?P<kind>[a-z_]+)(@(?P<start>[0-9.]+)(\+(?P<duration>[0-9
 
 
 class EventError(ValueError):
-    """A text that is no event; the message says what is expected."""
+    """A text does not describe an event; the message says what is expected."""
 
 
 def parse_events(texts: Sequence[str], duration_s: float) -> List[Event]:
@@ -70,7 +70,7 @@ def parse_events(texts: Sequence[str], duration_s: float) -> List[Event]:
         duration_s: of the sequence.
 
     Raises:
-        EventError: one of them is no event, or is over before it could begin.
+        EventError: a text is not an event, or the event ends before the sequence begins.
     """
     events = [event for text in texts for event in _parse(text, duration_s)]
     return sorted(events, key=lambda event: event.start_s)
@@ -79,7 +79,7 @@ def parse_events(texts: Sequence[str], duration_s: float) -> List[Event]:
 def _parse(text: str, duration_s: float) -> List[Event]:
     match = PATTERN.fullmatch(text)
     if match is None or match["kind"] not in KINDS:
-        raise EventError(f"'{text}' is no event; write NAME[@START[+DURATION]] with NAME one of {', '.join(KINDS)}")
+        raise EventError(f"'{text}' is not an event; write NAME[@START[+DURATION]] with NAME one of {', '.join(KINDS)}")
     kind = KINDS[match["kind"]]
     try:
         starts = [float(match["start"])] if match["start"] else [share * duration_s for share in kind.starts]
@@ -101,7 +101,7 @@ FLICKER_HZ, FLICKER_DEPTH = 100.0, 0.25
 
 
 def light_level(events: Sequence[Event], time_s: np.ndarray) -> np.ndarray:
-    """Share of the usual light, (N,) of (N,) times, flicker left out."""
+    """Light as a share of the normal light, (N,) of (N,) times, without flicker."""
     switches = [event for event in events if event.kind in ("lights_off", "lights_on")]
     level = np.full(len(time_s), LIGHTS_OFF_LEVEL if switches and switches[0].kind == "lights_on" else 1.0)
     for event in switches:
@@ -130,11 +130,11 @@ def is_dropped(events: Sequence[Event], time_s: float, rng: np.random.Generator)
 
 COVER_SLIDE_S = 0.2
 COVER_EDGE_PX = 25.0
-COVER_LIGHT = 0.02  # what shines through the cover, as a share of saturation
+COVER_LIGHT = 0.02  # light that passes through the cover, as a share of saturation
 
 
 def covered_light(events: Sequence[Event], time_s: float, light: np.ndarray) -> np.ndarray:
-    """The light (H, W) that is left of what a camera gathers when something covers its lens."""
+    """The light (H, W) that reaches the camera when something covers its lens."""
     mask = _cover_mask(events, time_s, light.shape[1])
     return light * mask + np.float32(COVER_LIGHT) * (1.0 - mask)
 

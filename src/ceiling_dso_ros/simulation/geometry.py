@@ -15,7 +15,7 @@ Point = Sequence[float]
 
 @dataclass(eq=False)
 class Sheet:
-    """A rectangle of one material that one or several surfaces are cut from, so that a pattern runs on over edges.
+    """A rectangle of one material from which one or more surfaces are cut, so that a pattern continues across edges.
 
     Attributes:
         material: what is painted on it.
@@ -31,11 +31,11 @@ class Surface:
     """A flat convex polygon that is seen from one side.
 
     Attributes:
-        vertices: (n, 3) world coordinates, counter-clockwise for who looks at the visible side.
+        vertices: (n, 3) world coordinates, counter-clockwise as seen from the visible side.
         axis_u, axis_v: (3,) orthogonal unit vectors in the plane, the directions of the sheet's width and height.
         sheet: what is painted on it.
         offset_m: where on the sheet the polygon's smallest u and v lie.
-        edge_normals: (2, 3) unit normals at the smallest and largest v that light is computed with; None where flat.
+        edge_normals: (2, 3) unit normals at the smallest and largest v, used for shading; None if the surface is flat.
     """
 
     vertices: np.ndarray
@@ -59,7 +59,7 @@ class Surface:
 
     @property
     def extent_m(self) -> Tuple[float, float]:
-        """Size along u and v."""
+        """Extent along u and v, metres."""
         return tuple(float(np.ptp(self.vertices @ axis)) for axis in (self.axis_u, self.axis_v))
 
 
@@ -74,7 +74,7 @@ def polygon(
     sheet: Optional[Sheet] = None,
     offset_m: Tuple[float, float] = (0.0, 0.0),
 ) -> Surface:
-    """A flat convex polygon, counter-clockwise for who looks at its visible side.
+    """A flat convex polygon, counter-clockwise as seen from its visible side.
 
     Args:
         vertices: at least three world points.

@@ -1,7 +1,7 @@
-"""Light in a hall: the floor reflects it upward, lamps glow, and everything between throws soft shadows.
+"""Light in a hall: the floor reflects light upward, lamps emit light, and everything in between casts soft shadows.
 
 The floor is cut into patches of 1.5 m, each a small source with its own shadow map ("instant radiosity", Keller 1997).
-The light does not depend on who looks, so it is computed once and painted on.
+The light does not depend on the camera's position, so it is computed once and stored in the textures.
 """
 
 from typing import NamedTuple, Sequence
@@ -32,7 +32,7 @@ class Source(NamedTuple):
 
 
 def floor_sources(size_m: Sequence[float], rng: np.random.Generator) -> Sequence[Source]:
-    """The lit floor of a hall of (length, width): together about irradiance 1 on what is far above its middle."""
+    """Sources for the lit floor of a hall (length, width): an irradiance of about 1 far above its middle."""
     columns, rows = (max(1, round(side / PATCH_M)) for side in size_m)
     area = size_m[0] * size_m[1] / (columns * rows)
     xs, ys = ((np.arange(n) + 0.5) / n * side - side / 2 for n, side in ((columns, size_m[0]), (rows, size_m[1])))
@@ -48,7 +48,7 @@ def irradiance(mesh: Mesh, sources: Sequence[Source], points: np.ndarray, normal
     """Light that arrives at points of the hall.
 
     Args:
-        mesh: what throws shadows.
+        mesh: geometry that casts shadows.
         sources: the lights.
         points: (N, 3) metres.
         normals: (N, 3) unit vectors.

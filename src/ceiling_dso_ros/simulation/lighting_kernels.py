@@ -14,7 +14,8 @@ def add_light(points, normals, source, power, floor, shadow_map, focal, irradian
         normals: (N, 3) float64 unit vectors.
         source: (3,) position of the source; it shines upward.
         power: irradiance at one metre above it.
-        floor: it is a patch of floor, which shines with the cosine of the zenith angle; a lamp shines equally.
+        floor: the source is a patch of floor, whose light falls with the cosine of the zenith angle; that of a lamp
+            does not.
         shadow_map: (S, S) float32 inverse depths as `rasterise` gives them from the source looking straight up.
         focal: focal length of the shadow map in pixels.
         irradiance: (N,) float64, output.

@@ -1,4 +1,4 @@
-"""What the surfaces of a hall are made of: each material paints a canvas of any size.
+"""Materials of the surfaces of a hall: each material paints a canvas of any size.
 
 Reflectances are those of real ones (white paint 0.8, galvanised steel 0.5, concrete 0.35, black rubber 0.05);
 contrasts are low, as they are on ceilings.
@@ -21,10 +21,11 @@ class Material:
     """How a surface looks.
 
     Attributes:
-        base: reflectance 0..1; of what shines its radiance, where 1 saturates the sensor at the reference exposure.
+        base: reflectance 0..1, or the radiance of a luminous material, where 1 saturates the sensor at the reference
+            exposure.
         paint: draws the pattern on a canvas filled with `base`.
-        luminous: shines by itself and is not lit.
-        coarseness: how much larger than what the camera resolves its finest details are.
+        luminous: emits light and is not lit by other sources.
+        coarseness: size of its finest details relative to the resolution of the camera.
     """
 
     base: float
@@ -219,7 +220,7 @@ CABLES = Material(0.07, _cables)
 BLACK = Material(0.05, _grille)
 WHITE = Material(0.75)
 OUTLET = Material(0.55, _grille)
-FLOOR = Material(0.35, _concrete, luminous=True, coarseness=2.0)  # its own light is not computed
+FLOOR = Material(0.35, _concrete, luminous=True, coarseness=2.0)  # it emits no light onto other surfaces
 BRASS = Material(0.45)
 LAMP = Material(5.0, luminous=True)
 LOUVRE = Material(2.2, _honeycomb, luminous=True)

@@ -15,7 +15,7 @@ REST_S = 0.5  # standing still before and after each leg, longer than the low-pa
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """What the drive can do; the defaults are those of an industrial platform."""
+    """Limits of the drive; the defaults are those of an industrial platform."""
 
     speed_m_s: float = 1.0
     acceleration_m_s2: float = 0.6
@@ -25,12 +25,12 @@ class DriveLimits:
 
 @dataclass(frozen=True)
 class Path:
-    """A curve that the robot follows, nose ahead.
+    """A curve that the robot follows, driving forward.
 
     Attributes:
         distance_m: (N,) along the curve, from 0, evenly spaced.
         poses: (N, 3) x, y, yaw (continuous, not wrapped).
-        backward: driven tail ahead, from the start to the end.
+        backward: the robot drives backward, from the start to the end.
     """
 
     distance_m: np.ndarray
@@ -63,7 +63,7 @@ def straight(length_m: float, backward: bool = False) -> Path:
 
 
 def rounded_square(side_m: float, corner_m: float, laps: int) -> Path:
-    """A square whose corners are taken by curvature that rises and falls linearly (clothoids); it closes exactly.
+    """A square whose corners have linearly rising and falling curvature (clothoids); it closes exactly.
 
     Args:
         side_m: length of the straight parts.
@@ -170,7 +170,7 @@ def _speed_limit(path: Path, limits: DriveLimits) -> np.ndarray:
     step = path.distance_m[1]
     curvature = np.abs(np.gradient(path.poses[:, 2], step))
     change = maximum_filter1d(np.abs(np.gradient(np.gradient(path.poses[:, 2], step), step)), 9)  # kinks count
-    # a tenth is left for the low-pass, which shifts the speed a little along the path
+    # a margin of a tenth, because the low-pass shifts the speed a little along the path
     left_over = np.maximum(0.9 * limits.yaw_acceleration_rad_s2 - curvature * limits.acceleration_m_s2, 0.2)
     return np.minimum.reduce(
         [
@@ -200,7 +200,7 @@ def _progress(distance: np.ndarray, speed_limit: np.ndarray, acceleration: float
 
 
 def _smoothed(progress: np.ndarray) -> np.ndarray:
-    """Low-pass with a rest before and after; a mean of accelerations within a bound is within it."""
+    """Low-pass filtered, with rest before and after. Averaging keeps the accelerations within their limits."""
     rest = round(REST_S / STEP_S)
     padded = np.concatenate([np.zeros(rest), progress, np.full(rest, progress[-1])])
     return gaussian_filter1d(padded, SMOOTHING_S / STEP_S, mode="nearest", truncate=REST_S / SMOOTHING_S)

@@ -1,4 +1,4 @@
-"""Kernels that find what each pixel sees: flat polygons and a pinhole camera, exact at every pixel centre.
+"""Kernels that find the visible polygon of each pixel: flat polygons, a pinhole camera, exact at every pixel centre.
 
 For the plane n.X = d and a pixel p = (x, y, 1) with the viewing ray R K^-1 p from the centre C, the inverse depth is
 w = n.(R K^-1 p) / (d - n.C), which is affine in the pixel: a polygon costs one multiplication per pixel.
@@ -37,7 +37,7 @@ class Mesh(NamedTuple):
 
 @kernel
 def visible_polygons(mesh, R, C, intrinsics, width, height, margin):
-    """Indices of the polygons that may be seen from (R, C) moved by up to `margin` metres, (n,) int32."""
+    """Indices of the polygons that may be visible from (R, C) when it moves by up to `margin` metres, (n,) int32."""
     fx, fy, cx, cy = intrinsics
     found = np.empty(len(mesh.radii), np.int32)
     count = 0

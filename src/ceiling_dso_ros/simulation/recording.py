@@ -1,4 +1,4 @@
-"""A simulated drive as a recording, so that whatever plays recordings plays it without a bag."""
+"""A simulated drive as a recording: it can be played like any recording, without a bag."""
 
 from pathlib import Path
 from typing import Iterator, Optional
@@ -13,7 +13,7 @@ from ceiling_dso_ros.simulation.simulation import Simulation, stamp_ns
 
 
 class SimulatedRecording(Recording):
-    """Images are rendered when they are asked for; nothing is written.
+    """A recording whose images are rendered when they are read; nothing is written to disk.
 
     Attributes:
         simulation: what is recorded.
@@ -24,7 +24,7 @@ class SimulatedRecording(Recording):
 
         Raises:
             ConfigError: a setting is out of range.
-            EventError: an event is none.
+            EventError: a text in `events` does not describe an event.
         """
         self.simulation = Simulation(config)
         self.path = Path(f"simulated_{config.sequence}_{config.ceiling}_{config.seed}")
@@ -56,7 +56,7 @@ class SimulatedRecording(Recording):
 
     @property
     def ground_truth_path(self) -> Optional[Path]:
-        """See Recording: none, the truth is in `camera_truth` and `base_truth`."""
+        """See Recording: always None; the truth is in `camera_truth` and `base_truth`."""
         return None
 
     @property

@@ -1,4 +1,4 @@
-"""Pictures of a scene: exposed over time and over the area of each pixel, and the depth that belongs to them."""
+"""Renders images of a scene, integrated over the exposure time and over the area of each pixel, and their depth."""
 
 import cv2
 import numpy as np
@@ -8,14 +8,14 @@ from ceiling_dso_ros.simulation.raster_kernels import rasterise, visible_polygon
 from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Scene
 from ceiling_dso_ros.simulation.shading_kernels import expose
 
-# Where edges are is sampled at 16 places: x and y within the pixel and time within the exposure, each column taking
-# every 16th once, the columns uncorrelated, mean zero (an orthogonal Latin hypercube). So edges are smooth, and moving
-# ones are blurred.
+# Edges are sampled at 16 points: x and y within the pixel and time within the exposure. Each column contains every 16th
+# once, and the columns are uncorrelated with mean zero (an orthogonal Latin hypercube). So edges are smooth, and moving
+# edges are blurred.
 _HALF = [
     (1, 5, 3), (3, 13, -7), (5, -1, 11), (7, -9, -15), (9, 15, 5), (11, 7, -1), (13, -11, 13), (15, -3, -9),
 ]  # fmt: skip
 SAMPLES = np.array(_HALF + [(-x, -y, -t) for x, y, t in _HALF]) / 32.0
-# Smooth textures need four: two-point Gauss quadrature in each column, again uncorrelated.
+# Smooth textures need four samples: two-point Gauss quadrature in each column, again uncorrelated.
 TEXTURE_SAMPLES = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / (2.0 * np.sqrt(3.0))
 SAMPLE_TIMES = np.concatenate([SAMPLES, TEXTURE_SAMPLES])[:, 2]  # in exposures from the middle
 LENS_BLUR_PX = 0.45
@@ -26,7 +26,7 @@ class Renderer:
     """Renders one scene for one camera; may be used from several threads at once.
 
     Args:
-        scene: what there is to see.
+        scene: geometry and textures.
         camera: intrinsics without distortion.
     """
 
@@ -35,7 +35,7 @@ class Renderer:
         self.camera = camera
 
     def expose(self, T_world_camera: np.ndarray) -> np.ndarray:
-        """Radiance that the camera gathers.
+        """Radiance that the camera receives during an exposure.
 
         Args:
             T_world_camera: (20, 4, 4) poses at SAMPLE_TIMES.

@@ -1,4 +1,4 @@
-"""The robot: where its base and cameras are at any time, and what its wheels turn.
+"""The robot: the poses of its base and cameras at any time, and the rotation of its wheels.
 
 base_link lies on the floor between the wheels, x ahead, y left, z up (REP-103). Optical frames: z along the
 view, x right, y down.
@@ -38,7 +38,7 @@ STEREO_BASELINE_M = 0.095
 
 @dataclass(frozen=True)
 class WheelErrors:
-    """How the real wheels differ from the nominal ones, and how they are read.
+    """Differences between the real and the nominal wheels, and the noise of their readings.
 
     Attributes:
         radius: relative error of the mean radius.

@@ -1,7 +1,7 @@
-"""From the description of a hall to the arrays that are rendered: geometry, and textures with the light painted in.
+"""Turns the description of a hall into arrays for rendering: geometry, and textures that include the light.
 
-A robot on a floor sees every part of a ceiling from the same height, so one texel size per surface, half of what a
-pixel covers there, and one low-pass filter suit all frames: the same point has the same grey in all of them.
+A robot on a flat floor sees every part of a ceiling from the same height. So one texel size per surface (half of what a
+pixel covers there) and one low-pass filter are right for all images: a point has the same grey value in all of them.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -22,16 +22,16 @@ TEXELS_PER_PIXEL = 1.6
 LOW_PASS_PX = 0.7
 LIGHT_GRID_M = 0.08
 PAINTERS = 2  # threads
-TEXEL_LEVELS = 8192  # texel value of radiance 1, the sensor's saturation at the reference exposure
+TEXEL_LEVELS = 8192  # texel value of radiance 1, which saturates the sensor at the reference exposure
 
 
 @dataclass(frozen=True)
 class Hall:
-    """What a ceiling is built of.
+    """Description of a hall with its ceiling.
 
     Attributes:
         surfaces: everything that can be seen.
-        lamps: positions of lamps that light what is around them, with their powers.
+        lamps: positions and powers of the lamps that light their surroundings.
         size_m: length (x) and width (y) of the floor.
         floor_plan: (n, 2, 2) line segments in x, y that a laser scanner sees.
     """
@@ -54,8 +54,8 @@ def build_scene(hall: Hall, focal_px: float, seed: int) -> Scene:
 
     Args:
         hall: its description.
-        focal_px: focal length of the camera that the textures shall suit.
-        seed: of everything that is drawn at random.
+        focal_px: focal length of the camera for which the textures are made.
+        seed: of all random choices.
     """
     surfaces = [surface for surface in hall.surfaces if _visible_from_floor(surface, hall.size_m)]
     mesh = build_mesh(surfaces)
@@ -83,7 +83,7 @@ def build_mesh(surfaces: Sequence[Surface]) -> Mesh:
 
 
 def _visible_from_floor(surface: Surface, size_m: Tuple[float, float]) -> bool:
-    """Whether the front is turned to any place where a robot's camera can be."""
+    """Whether the front of a surface is visible from any possible position of the robot's camera."""
     places = np.array([[x * size_m[0] / 2, y * size_m[1] / 2, z] for x in (-1, 1) for y in (-1, 1) for z in (0.2, 1.5)])
     return bool(((places - surface.vertices[0]) @ surface.normal > 0).any())
 
@@ -150,7 +150,7 @@ def _cut(canvas: np.ndarray, surface: Surface, texel_m: float, light: np.ndarray
 def _interpolated(
     light: np.ndarray, extent_m: Tuple[float, float], texel_m: float, shape: Tuple[int, int]
 ) -> np.ndarray:
-    """Light at every texel from that at the nodes, bilinear."""
+    """Light at every texel, interpolated bilinearly from the nodes."""
     across, along = ((nodes - 1) * texel_m / extent for nodes, extent in zip(light.shape[::-1], extent_m))
     nodes_of_texels = np.array([[across, 0.0, 0.0], [0.0, along, 0.0]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP

@@ -1,4 +1,4 @@
-"""What the robot's other sensors measure: wheel encoders, laser scanner, inertial unit."""
+"""Measurements of the other sensors: wheel encoders, laser scanner, inertial unit."""
 
 from typing import NamedTuple, Sequence, Tuple
 
@@ -11,7 +11,7 @@ from ceiling_dso_ros.simulation.motion import STEP_S, Motion
 from ceiling_dso_ros.simulation.robot import GRAVITY_M_S2, T_BASE_IMU, T_BASE_LASER, Robot, WheelErrors
 
 INT32_RANGE = 2**32
-SLIP = 0.5  # share of a slipping wheel's turn that moves nothing
+SLIP = 0.5  # share of a slipping wheel's rotation that does not move the robot
 
 SCAN_ANGLES = np.radians(np.linspace(-135.0, 135.0, 541))
 SCAN_RANGE_M = (0.1, 30.0)
@@ -35,7 +35,7 @@ class Encoders(NamedTuple):
 
     @property
     def counters(self) -> np.ndarray:
-        """What a 32-bit counter shows, (N, 2) int64 in the range of int32."""
+        """Values of 32-bit counters that wrap around, (N, 2) int64 in the range of int32."""
         return (self.ticks + INT32_RANGE // 2) % INT32_RANGE - INT32_RANGE // 2
 
     def angles_rad(self, ticks_per_turn: float) -> np.ndarray:
@@ -57,9 +57,9 @@ def read_encoders(
         motion: of the base.
         robot: its real dimensions.
         errors: noise of wheels and readings.
-        events: slips count here; it is the left wheel that slips.
+        events: only slips are used; the left wheel slips.
         time_s: (N,) when they are read.
-        rng: for the noise, and for the counters' first values, which lie shortly before the wrap-around.
+        rng: for the noise and the first counter values, which are shortly before the wrap-around.
     """
     yaw = motion.poses(time_s)[:, 2]
     turned = (yaw - yaw[0]) * robot.wheel_base_m / 2
@@ -75,7 +75,7 @@ def read_encoders(
 
 
 def _slipped(motion: Motion, wheel_base_m: float, events: Sequence[Event], time_s: np.ndarray) -> np.ndarray:
-    """Distance that the left wheel has turned in vain, (N,)."""
+    """Distance that the left wheel has turned by slipping, (N,)."""
     fine = np.arange(0.0, motion.duration_s + STEP_S, STEP_S)
     speed, yaw_rate = motion.rates(fine).T
     wheel_speed = speed - yaw_rate * wheel_base_m / 2

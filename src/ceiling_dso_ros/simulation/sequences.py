@@ -1,4 +1,4 @@
-"""The sequences that can be simulated, by name: where the robot drives in a hall of 21 x 15 m or larger."""
+"""The sequences that can be simulated, by name: paths in a hall of 21 x 15 m or larger."""
 
 from typing import Callable, Dict, List, NamedTuple
 
@@ -17,7 +17,7 @@ from ceiling_dso_ros.simulation.motion import (
 
 
 class Sequence(NamedTuple):
-    """Where it starts (x, y, yaw), how fast it goes, and its legs as a function of the number of laps."""
+    """Start pose (x, y, yaw), speed, and the legs as a function of the number of laps."""
 
     start: np.ndarray
     limits: DriveLimits
@@ -30,7 +30,7 @@ def _square(laps: int) -> List[Leg]:
 
 
 def _loops(laps: int) -> List[Leg]:
-    """The paper's second: five small loops on a round through the hall, all of which close."""
+    """The paper's second: five small closed loops on a round through the hall."""
 
     def point(t: np.ndarray) -> tuple:
         return 4.6 * np.sin(t) + 1.55 * np.sin(6 * t), -2.4 * np.cos(t) - 1.35 * np.cos(6 * t)
@@ -66,7 +66,7 @@ FIRST_REST_S = 1.0
 
 
 def plan(sequence: Sequence, duration_s: float, rng: np.random.Generator) -> Motion:
-    """The motion of a sequence, at least so long, from a start that differs a little with every seed.
+    """The motion of a sequence, at least duration_s long; the start pose differs a little with every seed.
 
     Args:
         sequence: one of SEQUENCES.

@@ -1,4 +1,4 @@
-"""Kernels that paint what each pixel sees: textures, gathered over the area of the pixel and the time of the exposure.
+"""Kernels that shade pixels: textures, integrated over the area of the pixel and the exposure time.
 
 The inverse depth w of a polygon is affine in the pixel, so its texture coordinates are (affine) / w: one division.
 """
@@ -14,7 +14,7 @@ f32 = np.float32
 
 
 class Textures(NamedTuple):
-    """What is painted on the polygons.
+    """Textures of the polygons.
 
     Attributes:
         texels: (T,) uint16, all textures one after the other, row by row.
@@ -33,10 +33,10 @@ class Textures(NamedTuple):
 
 @kernel
 def expose(scene, polygons, R, C, intrinsics, inverse_depth, surface, radiance):
-    """Picture gathered over the area of each pixel and the time of the exposure.
+    """Image integrated over the area of each pixel and the exposure time.
 
-    What is seen is found for K samples. A pixel that shows the same polygon in all of them is shaded with the L further
-    samples, which may be few because textures are smooth; others are the mean of the K.
+    The visible polygon is found for K samples. A pixel with the same polygon in all of them is shaded with the L
+    further samples, which may be few because textures are smooth. Other pixels are the mean of the K samples.
 
     Args:
         scene: (Mesh, Textures).
@@ -44,8 +44,8 @@ def expose(scene, polygons, R, C, intrinsics, inverse_depth, surface, radiance):
         R: (K + L, 3, 3) float64.
         C: (K + L, 3) float64.
         intrinsics: (K + L, 4) fx fy cx cy.
-        inverse_depth: (H, W) float32, for use inside.
-        surface: (K, H, W) int32, for use inside.
+        inverse_depth: (H, W) float32, scratch memory.
+        surface: (K, H, W) int32, scratch memory.
         radiance: (H, W) float32, output, in units of the texels.
     """
     mesh, textures = scene
@@ -110,7 +110,7 @@ def _texture(textures, p):
 
 @kernel
 def _texture_view(mesh, textures, p, R, C, intrinsics, view):
-    """Texture coordinates seen in the image: u = u_C + (u_x x + u_y y + u_1) / w with w the inverse depth, same for v.
+    """Texture coordinates of a pixel: u = u_C + (u_x x + u_y y + u_1) / w with the inverse depth w, likewise v.
 
     view holds w_x w_y w_1, u_x u_y u_1, v_x v_y v_1, u_C v_C.
     """

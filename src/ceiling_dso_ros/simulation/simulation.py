@@ -1,4 +1,4 @@
-"""The simulated robot with all its sensors: measurements in the order of time, rendered while they are asked for."""
+"""The simulated robot with all its sensors: measurements ordered by time; images are rendered when they are read."""
 
 import heapq
 from collections import deque
@@ -29,11 +29,11 @@ RENDER_THREADS, FRAMES_AHEAD = 2, 4
 
 @dataclass(frozen=True)
 class CameraFrame:
-    """What the cameras took at one moment.
+    """The images of all cameras at one moment.
 
     Attributes:
         stamp_ns: nanoseconds, the middle of the exposure as the camera's clock tells it.
-        time_s: the same as time of the simulation, without any error.
+        time_s: the true time of the simulation.
         exposure_ms: exposure time.
         images: child frame of the camera -> (H, W) uint8; the upward camera's comes first.
     """
@@ -92,12 +92,13 @@ def _scene(ceiling: str, seed: int, focal_px: float, with_floor: bool) -> Scene:
 class Simulation:
     """One drive under one ceiling.
 
-    Without asking for frames nothing is rendered: `encoders` and `robot` cost milliseconds, for Monte Carlo.
+    Images are rendered only when they are read. `encoders` and `robot` take milliseconds, fast enough for Monte Carlo
+    runs.
 
     Attributes:
-        config: what was chosen.
-        events: what happens, with times.
-        robot: the true robot on its way.
+        config: the settings.
+        events: the events with their times.
+        robot: the true robot and its motion.
     """
 
     def __init__(self, config: SimulationConfig) -> None:
@@ -117,7 +118,7 @@ class Simulation:
         self._exposure = ExposureControl(config.camera, self.events, self.duration_s, self._rng("exposure"))
 
     def _rng(self, *stream: Union[str, int]) -> np.random.Generator:
-        """Own random numbers for every purpose, so that none depends on what else is simulated."""
+        """A random generator for each purpose, so that the numbers do not depend on what else is simulated."""
         words = [list(word.encode()) if isinstance(word, str) else [word] for word in stream]
         return np.random.default_rng([self.config.seed, *(number for word in words for number in word)])
 
@@ -141,7 +142,7 @@ class Simulation:
 
     @property
     def nominal(self) -> RobotDescription:
-        """The robot as its integrator believes it to be."""
+        """The robot with its nominal dimensions."""
         return NOMINAL
 
     @property
@@ -172,7 +173,7 @@ class Simulation:
 
     def frames(self) -> Iterator[CameraFrame]:
         """All images, rendered by two threads a few frames ahead."""
-        _ = self._renderer  # built once, before the threads want it
+        _ = self._renderer  # built once, before the threads need it
         waiting: Deque[Future[CameraFrame]] = deque()
         executor = ThreadPoolExecutor(RENDER_THREADS, thread_name_prefix="render")
         try:
@@ -201,7 +202,7 @@ class Simulation:
         return CameraFrame(self.image_stamp_ns(time_s), time_s, exposure_ms, images)
 
     def light(self, time_s: float, exposure_ms: float, T_base_camera: np.ndarray) -> np.ndarray:
-        """What a camera gathers while all lamps are on, (H, W) float32, where 1 saturates.
+        """Light that a camera receives while all lamps are on, (H, W) float32, where 1 saturates.
 
         Args:
             time_s: the middle of the exposure.
@@ -240,12 +241,12 @@ class Simulation:
         return InertialUnit(self.robot, self._rng("imu"))
 
     def measurements(self) -> Iterator[Measurement]:
-        """Everything in the order of the stamps."""
+        """All measurements, ordered by stamp."""
         streams = (self.wheel_readings(), self.scans(), self.imu_readings(), self.frames())
         return heapq.merge(*streams, key=lambda measurement: measurement.stamp_ns)
 
     def truth(self) -> Dict[str, Any]:
-        """Every true value and everything that was drawn at random, for a yaml file."""
+        """All true values and all random choices, for a yaml file."""
         true, start = self.robot.true, self.robot.motion.poses(np.zeros(1))[0]
         unit, lens = self._inertial_unit(), self.config.camera.lens
         return {
@@ -277,12 +278,12 @@ def stamp_ns(time_s: float) -> int:
 def simulate(
     sequence: str = "loops", ceiling: str = "factory", seed: int = 0, **settings: object
 ) -> Iterator[Measurement]:
-    """Measurements of a simulated drive in the order of time, without writing anything.
+    """Measurements of a simulated drive, ordered by time; nothing is written to disk.
 
     Args:
         sequence: a name of `sequences.SEQUENCES`.
         ceiling: a name of `ceilings.CEILINGS`.
-        seed: of everything that is drawn at random.
+        seed: of all random choices.
         **settings: further attributes of SimulationConfig.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What hangs under ceilings: steelwork, ducts, pipes, cable trays, lamps, signs. Metres, world frame with z up."""
+"""Structures under ceilings: steelwork, ducts, pipes, cable trays, lamps, signs. Metres, world frame with z up."""
 
 from typing import List, Sequence
 

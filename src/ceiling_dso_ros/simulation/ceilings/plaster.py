@@ -1,4 +1,4 @@
-"""A painted plaster ceiling at 3.2 m: hardly anything to see."""
+"""A painted plaster ceiling at 3.2 m, nearly without texture."""
 
 from typing import List
 

@@ -1,4 +1,4 @@
-"""An office: a flat suspended ceiling at 3 m, the same tile and the same lamp over and over."""
+"""An office: a flat suspended ceiling at 3 m, in which the same tile and lamp repeat."""
 
 from typing import List
 
@@ -41,7 +41,7 @@ def _rectangle(length: float, width: float) -> List[tuple]:
 
 
 def _fittings(rng: np.random.Generator) -> List[Surface]:
-    """What interrupts the raster: air outlets, smoke detectors, sprinklers, loudspeakers, exit signs."""
+    """Fittings that interrupt the grid: air outlets, smoke detectors, sprinklers, loudspeakers, exit signs."""
     surfaces: List[Surface] = []
     for i, j in ((8, 5), (16, 17), (24, 9), (28, 21), (4, 13), (12, 21), (20, 1)):
         x, y = -LENGTH / 2 + TILE * i + 0.03, -WIDTH / 2 + TILE * j + 0.03
