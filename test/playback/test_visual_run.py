@@ -49,7 +49,7 @@ def test_the_trajectory_is_kept_when_asked_for(keep):
     assert run.last is None
     run.track(RAW, 1, None)
     assert run.last.stamp_ns == 1
-    assert {name: len(trajectory) for name, trajectory in run.files().items()} == dict.fromkeys(
+    assert {name: len(trajectory) for name, trajectory in run.trajectories.files().items()} == dict.fromkeys(
         ("camera", "camera_final", "keyframes"), int(keep)
     )
 
@@ -61,4 +61,4 @@ def test_a_restart_forgets_everything():
     run.restart()
     assert odometry.resets == 1
     assert run.last is None
-    assert len(run.files()["camera"]) == 0
+    assert len(run.trajectories.files()["camera"]) == 0

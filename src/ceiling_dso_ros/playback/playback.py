@@ -65,7 +65,7 @@ class Playback:
         Raises:
             OSError: a file cannot be written.
         """
-        for name, trajectory in self.visual.files().items():
+        for name, trajectory in self.visual.trajectories.files().items():
             write_tum(directory / f"{name}.tum", trajectory)
         write_ply(directory / "map.ply", self.map.cloud(self.visual.trajectories.estimates))
         self.timing.write_csv(directory / "timing.csv")

@@ -63,3 +63,11 @@ class TrajectoryRecorder:
         return Trajectory.from_matrices(
             [keyframe.stamp_ns for keyframe in keyframes], [keyframe.T_world_camera for keyframe in keyframes]
         )
+
+    def files(self) -> Dict[str, Trajectory]:
+        """The trajectories by the names of their files: T_world_camera in VO units."""
+        return {
+            "camera": self.live(),
+            "camera_final": self.final(),
+            "keyframes": self.keyframes(),
+        }

@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import replace
-from typing import Callable, Dict, NamedTuple, Optional, Tuple
+from typing import Callable, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, Od
 from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Recording
-from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
 
@@ -93,14 +92,6 @@ class VisualRun:
         """Forget everything: the next image starts segment 0."""
         self.odometry.reset()
         self._forget()
-
-    def files(self) -> Dict[str, Trajectory]:
-        """The trajectories by the names of their files: T_world_camera in VO units."""
-        return {
-            "camera": self.trajectories.live(),
-            "camera_final": self.trajectories.final(),
-            "keyframes": self.trajectories.keyframes(),
-        }
 
     def _forget(self) -> None:
         self.trajectories = TrajectoryRecorder()

@@ -5,18 +5,18 @@ import threading
 import time
 import traceback
 from dataclasses import replace
-from typing import Dict, Optional, Tuple, Union
+from typing import Dict, Optional, Union
 
 import rospy
 from diagnostic_updater import DiagnosticStatusWrapper
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.cfg import DsoConfig
-from ceiling_dso_ros.dso import ConfigError, DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso import CameraMotion, ConfigError, DirectOdometry, OdometryConfig, OdometryStatus
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
+from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.image_scaling import parse_image_size
@@ -25,7 +25,9 @@ from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
+from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.ros import diagnostics, parameters
+from ceiling_dso_ros.ros.calibration_input import CalibrationInput
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, stamp_ns_of, status_message
 from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
 from ceiling_dso_ros.ros.exposures import ExposureLookup
@@ -97,7 +99,6 @@ class DsoServer:
         self._frame_id, self._camera_frame_id = own.vo_frame.lstrip("/"), own.camera_frame.lstrip("/")
         self._size = parse_image_size(own.image_size, "image_size") if own.image_size else None
         self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
-        calibration_file = parameters.file_path(own.calibration)
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
         self._frame_rate = FrameRateLimit()
@@ -109,26 +110,19 @@ class DsoServer:
         self._begins_again = time_is_simulated()
         self._clock = DataClock()
         self._last_stamp_ns: Optional[int] = None
-        self._camera_info: Tuple = ()  # as last received
-        self._camera_info_complaint = self._size_complaint = ""
-        self._calibration: Optional[CameraCalibration] = None  # the newest, set by the thread of camera_info
-        self._calibrated = threading.Event()
-        self._used_calibration: Optional[CameraCalibration] = None  # what the next two were made from
-        self._preprocess: Optional[ImagePreprocessor] = None
-        self._odometry: Optional[DirectOdometry] = None
+        self._calibration: Optional[CameraCalibration] = None  # of the run
+        self._size_complaint = ""
+        self._run: Optional[VisualRun] = None  # None without a calibration
         self._scheduler = LiveScheduler() if own.mapping == "live" else SequentialScheduler()
-        self._recorder = TrajectoryRecorder()
 
-        if calibration_file is not None:
-            self._calibration = read_camera_file(calibration_file)
-            self._calibrated.set()
         load_kernels()
+        self._calibrations = CalibrationInput(parameters.file_path(own.calibration), own.rectified)
         self._predictions = MotionPredictions() if own.motion_prediction else None
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
         self._reconfigure_server = ReconfigureServer(DsoConfig, self._reconfigure)
         self._offer_services()
         diagnostics.Diagnostics(self._report, "camera")
-        self._connect(own.image_transport, calibration_file is None)
+        self._connect(own.image_transport)
 
     def spin(self) -> None:
         """Work until the node is shut down."""
@@ -147,9 +141,7 @@ class DsoServer:
         offer_trigger("~resume", lambda: self._pause(False))
         offer_save_trajectory(self._trajectories)
 
-    def _connect(self, transport: str, with_camera_info: bool) -> None:
-        if with_camera_info:
-            rospy.Subscriber("camera_info", CameraInfo, self._on_camera_info, queue_size=1)
+    def _connect(self, transport: str) -> None:
         self._exposure_subscriber = rospy.Subscriber("exposure", Exposure, self._on_exposure, queue_size=QUEUE_SIZE)
         # Resolved first: a remapped image takes its compressed topic along.
         self._image_topic = rospy.resolve_name("image") + ("" if transport == "raw" else "/compressed")
@@ -167,20 +159,6 @@ class DsoServer:
     def _on_exposure(self, message: Exposure) -> None:
         if math.isfinite(message.exposure_ms):
             self._exposures.add(stamp_ns_of(message.header.stamp), message.exposure_ms)
-
-    def _on_camera_info(self, message: CameraInfo) -> None:
-        fields = (message.width, message.height, message.distortion_model, message.D, message.K, message.P)
-        if fields == self._camera_info:
-            return
-        self._camera_info = fields
-        topic = rospy.resolve_name("camera_info")
-        try:
-            self._calibration = calibration_from_camera_info(*fields, self._parameters.rectified, source=topic)
-            self._camera_info_complaint = ""
-            self._calibrated.set()
-        except InputError as error:
-            self._camera_info_complaint = f"ignored: {error}"
-            rospy.logwarn_throttle(WARNING_PERIOD_S, self._camera_info_complaint)
 
     # Work
 
@@ -210,53 +188,58 @@ class DsoServer:
         Raises:
             FrameError: the image is unusable.
         """
-        self._calibrated.wait(CALIBRATION_TIMEOUT_S)
-        if self._calibration is not self._used_calibration:
-            self._use(self._calibration)
-        if self._odometry is None:
+        calibration = self._calibrations.newest(CALIBRATION_TIMEOUT_S)
+        if calibration is not None and calibration is not self._calibration:
+            self._use(calibration)
+        if self._run is None:
             waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
-        image = self._preprocess(image_array(message))
-        stamp_ns, last_ns = stamp_ns_of(message.header.stamp), self._last_stamp_ns
-        self._take_stamp(stamp_ns)
+        image, stamp_ns = image_array(message), stamp_ns_of(message.header.stamp)
+        inner_ns = self._take_stamp(stamp_ns)
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
         exposure_ms = self._exposures.at(stamp_ns, timeout_s)
-        known = {}
-        if self._predictions is not None and last_ns is not None:
-            known["prediction"] = self._predictions.between(last_ns, stamp_ns, self._status.segment)
-        status = self._odometry.track(image, self._clock.last_ns, exposure_ms, **known)
-        if self._parameters.keep_trajectory:
-            self._recorder.add(status)
-        status = self._with_data_stamps(status)
+        tracked = self._run.track(image, inner_ns, exposure_ms, self._prediction(stamp_ns))
+        self._last_stamp_ns = stamp_ns
+        status = self._with_data_stamps(tracked.status)
         camera_frame_id = self._camera_frame(message)
         self._publisher.publish(header, camera_frame_id, status)
         if self._map.wants(status):
-            points = NO_POINTS if self._odometry.map is None else self._odometry.map.points
-            self._map.publish(header, camera_frame_id, image, self._odometry.camera, status, points)
+            odometry = self._run.odometry
+            points = NO_POINTS if odometry.map is None else odometry.map.points
+            self._map.publish(header, camera_frame_id, tracked.image, odometry.camera, status, points)
         return status_message(header, status)
+
+    def _prediction(self, stamp_ns: int) -> Optional[CameraMotion]:
+        if self._predictions is None or self._last_stamp_ns is None:
+            return None
+        return self._predictions.between(self._last_stamp_ns, stamp_ns, self._status.segment)
 
     def _camera_frame(self, message: AnyImage) -> str:
         return self._camera_frame_id or message.header.frame_id.lstrip("/")
 
     def _use(self, calibration: CameraCalibration) -> None:
         """Start anew with a calibration."""
-        if self._used_calibration is not None:
+        if self._calibration is not None:
             rospy.logwarn("the camera's calibration changed: starting anew")
-        self._used_calibration, self._odometry = calibration, None
+        self._calibration, self._run = calibration, None
         self._scheduler.discard()
         try:
-            self._preprocess = ImagePreprocessor(calibration, size=self._size)
-            self._odometry = DirectOdometry(self._preprocess.camera, self._config, self._scheduler)
+            preprocess = ImagePreprocessor(calibration, size=self._size)
+            odometry = DirectOdometry(preprocess.camera, self._config, self._scheduler)
         except (ConfigError, InputError) as error:
             self._size_complaint = f"cannot track: {error}"
             return
         self._size_complaint = ""
+        self._run = VisualRun(preprocess, odometry, self._parameters.keep_trajectory)
         self._start_anew()
-        rospy.loginfo(f"tracking images of {calibration.lens} as {self._preprocess.camera}")
+        rospy.loginfo(f"tracking images of {calibration.lens} as {preprocess.camera}")
 
-    def _take_stamp(self, stamp_ns: int) -> None:
+    def _take_stamp(self, stamp_ns: int) -> int:
         """Put an image into the order of time; where that is one of a bag which is played again, start anew.
+
+        Returns:
+            Its time on the inner clock, nanoseconds.
 
         Raises:
             FrameError: there is no stamp, or it is not later than that of the last image.
@@ -275,7 +258,7 @@ class DsoServer:
             else:
                 rospy.logwarn(f"{went_back}: the clock was set back, the odometry goes on")
                 self._clock.set_back(stamp_ns)
-        self._last_stamp_ns = stamp_ns
+        return self._clock.inner_ns(stamp_ns)
 
     def _with_data_stamps(self, status: OdometryStatus) -> OdometryStatus:
         """The status with the very stamps of the images, where the clock has been set back since."""
@@ -283,10 +266,10 @@ class DsoServer:
         return replace(status, stamp_ns=self._clock.stamp_ns(status.stamp_ns), keyframes=keyframes)
 
     def _start_anew(self) -> None:
-        self._odometry.reset()
+        if self._run is not None:
+            self._run.restart()
         self._clock.reset()
         self._last_stamp_ns = None
-        self._recorder = TrajectoryRecorder()
         self._publisher.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
@@ -300,8 +283,7 @@ class DsoServer:
 
     def _reset(self) -> str:
         with self._lock:
-            if self._odometry is not None:
-                self._start_anew()
+            self._start_anew()
         return "the next image starts segment 0"
 
     def _pause(self, paused: bool) -> str:
@@ -310,12 +292,7 @@ class DsoServer:
 
     def _trajectories(self) -> Dict[str, Trajectory]:
         with self._lock:
-            recorder = self._recorder
-            return {
-                "camera": recorder.live(),
-                "camera_final": recorder.final(),
-                "keyframes": recorder.keyframes(),
-            }
+            return (TrajectoryRecorder() if self._run is None else self._run.trajectories).files()
 
     # Diagnostics
 
@@ -325,8 +302,8 @@ class DsoServer:
         report.summary(LEVELS.get(status.state, diagnostics.WARN), text)
         if self._paused:
             report.summary(diagnostics.WARN, "paused")
-        if self._camera_info_complaint:
-            report.mergeSummary(diagnostics.WARN, self._camera_info_complaint)
+        if self._calibrations.complaint:
+            report.mergeSummary(diagnostics.WARN, self._calibrations.complaint)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
         report.add("processing [ms]", f"{status.processing_ms:.1f}")
