@@ -23,7 +23,7 @@ from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
-from ceiling_dso_ros.msg import Exposure, VisualOdometryStatus
+from ceiling_dso_ros.msg import Exposure, MotionPrediction, VisualOdometryStatus
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.ros import diagnostics, parameters
@@ -142,6 +142,9 @@ class DsoServer:
         offer_save_trajectory(self._trajectories)
 
     def _connect(self, transport: str) -> None:
+        if self._predictions is not None:
+            add = self._predictions.add
+            rospy.Subscriber("fusion/motion_prediction", MotionPrediction, add, queue_size=10, tcp_nodelay=True)
         self._exposure_subscriber = rospy.Subscriber("exposure", Exposure, self._on_exposure, queue_size=QUEUE_SIZE)
         # Resolved first: a remapped image takes its compressed topic along.
         self._image_topic = rospy.resolve_name("image") + ("" if transport == "raw" else "/compressed")
@@ -310,4 +313,6 @@ class DsoServer:
         report.add("photometric error [grey levels]", f"{status.rmse:.2f}")
         report.add("active points", str(status.active_points))
         report.add("segment", str(status.segment))
+        if self._predictions is not None:
+            report.add("motion predictions used", f"{self._predictions.used} of {self._predictions.asked}")
         return report

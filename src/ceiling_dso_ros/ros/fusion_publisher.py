@@ -73,16 +73,21 @@ class FusionPublisher:
         """Publish how the camera has moved between two stamps of its clock; nothing when that is not known."""
         if motion is None:
             return
-        message = MotionPrediction(
-            header=Header(stamp=ros_time(end_ns), frame_id=self.visual_frame),
-            start=ros_time(start_ns),
-            motion=pose_from_matrix(motion.T_start_end),
-            covariance=motion.covariance.ravel().tolist(),
-            segment=segment,
-        )
-        self._prediction.publish(message)
+        header = Header(stamp=ros_time(end_ns), frame_id=self.visual_frame)
+        self._prediction.publish(prediction_message(header, start_ns, motion, segment))
 
 
 def scale_message(header: Header, scale: ScaleState) -> FusionScale:
     """FusionScale of the scale's estimate."""
     return FusionScale(header, scale.value, scale.sigma, scale.converged, scale.segment)
+
+
+def prediction_message(header: Header, start_ns: int, motion: CameraMotion, segment: int) -> MotionPrediction:
+    """MotionPrediction of the camera's motion from a stamp of its clock to that of the header."""
+    return MotionPrediction(
+        header=header,
+        start=ros_time(start_ns),
+        motion=pose_from_matrix(motion.T_start_end),
+        covariance=motion.covariance.ravel().tolist(),
+        segment=segment,
+    )

@@ -3,7 +3,6 @@
 from typing import Optional
 
 import numpy as np
-import rospy
 
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
@@ -14,11 +13,15 @@ LONGEST_STRETCH = 3.0  # a prediction is taken to go on like that for so many ti
 
 
 class MotionPredictions:
-    """Listens to `fusion/motion_prediction`; the newest one counts."""
+    """The newest message of `fusion/motion_prediction` counts.
+
+    Attributes:
+        asked, used: for how many images there should have been a prediction, and for how many there was one.
+    """
 
     def __init__(self) -> None:
         self._newest: Optional[MotionPrediction] = None
-        rospy.Subscriber("fusion/motion_prediction", MotionPrediction, self.add, queue_size=10, tcp_nodelay=True)
+        self.asked = self.used = 0
 
     def add(self, message: MotionPrediction) -> None:
         """Take in a message."""
@@ -26,10 +29,12 @@ class MotionPredictions:
 
     def between(self, start_ns: int, end_ns: int, segment: int) -> Optional[CameraMotion]:
         """Motion of the camera between two images by their stamps, in a segment's unit; None when it is not known."""
-        message = self._newest
-        if message is None or stamp_ns_of(message.start) != start_ns or message.segment != segment:
-            return None
-        return stretched(message, end_ns)
+        message, motion = self._newest, None
+        if message is not None and stamp_ns_of(message.start) == start_ns and message.segment == segment:
+            motion = stretched(message, end_ns)
+        self.asked += 1
+        self.used += motion is not None
+        return motion
 
 
 def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
