@@ -342,3 +342,27 @@ def test_corrections_are_no_larger_than_configured(loops, fuse):
     narrow = FusionConfig(output=OutputConfig(max_correction_m=0.001, max_correction_rad=0.001))
     fused = fuse(loops, narrow)
     assert largest_jump(fused) < 0.001 + 0.002  # and the wheels' own noise
+
+
+def test_a_robot_that_stands_when_the_fusion_begins_is_seen_at_once(simulate, truth, fuse):
+    """The window is older than the first wheel sample; what comes later is as good as if it had been there."""
+    drive = simulate("stop_and_go", 25.0, 4, truth())
+    standing = drive.stamps[0] + nanoseconds(10.5)
+    window = next(status for status in reversed(drive.statuses) if status.keyframes and status.stamp_ns < standing)
+    later = [status for status in drive.statuses if status.stamp_ns > standing]
+    estimator, states = FusionEstimator(drive.robot), []
+    estimator.add_keyframes(window)
+    for stamp_ns, is_camera, data in dataclasses.replace(drive, statuses=later).events():
+        if stamp_ns < standing - nanoseconds(0.1):
+            continue
+        if is_camera:
+            estimator.add_keyframes(data)
+            estimator.add_frame(data)
+            if len(states) == 20:
+                assert estimator.scale.segment == window.segment
+        else:
+            states.append(estimator.add_wheel_ticks(stamp_ns, *data))
+    assert states[-1].state is FusionState.CONVERGED
+    assert states[-1].scale.value == pytest.approx(drive.metres_per_unit[later[-1].keyframe_id], rel=0.01)
+    begin, end = drive.pose_at(standing - nanoseconds(0.1)), drive.pose_at(states[-1].stamp_ns)
+    assert np.hypot(*(states[-1].pose - planar.between(begin, end))[:2]) < 0.05

@@ -74,3 +74,16 @@ def test_an_odometry_that_was_reset_counts_anew():
     assert [k.keyframe_id for k in chain.update([first, second])] == [0, 1]
     assert not chain.continues(first)
     assert chain.motion_to(first) is None
+
+
+def test_a_node_that_is_an_image_moves_with_its_keyframe():
+    chain, T = KeyframeChain(), np.eye(4)
+    T[0, 3] = 0.25
+    chain.update([keyframe(0, 0.0)])
+    chain.link(1, chain.known(0), T)
+    (new,) = chain.update([keyframe(0, 5.0), keyframe(1, 6.0)])
+    np.testing.assert_allclose(chain.motion_to(new)[0, 3], 0.75)
+    np.testing.assert_allclose(chain.from_newest(0, T)[0, 3], 0.0)
+    chain.link(2, new)
+    ((node, T),) = chain.refinements()
+    assert (node, T[0, 3]) == (2, 0.75)

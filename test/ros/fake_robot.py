@@ -36,11 +36,12 @@ class FakeRobot:
 
     Attributes:
         wheels, camera: whether they are published.
+        keyframes: whether further keyframes are made.
         shift_ns: what is added to all stamps.
     """
 
     def __init__(self):
-        self.wheels = self.camera = True
+        self.wheels = self.camera = self.keyframes = True
         self.shift_ns = 0
         self._joints = rospy.Publisher("joint_states", JointState, queue_size=100)
         self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=100)
@@ -97,7 +98,7 @@ class FakeRobot:
         T = planar.lift(self.pose(due_ns * 1e-9))
         T[:3, 3] /= SCALE_M
         header = Header(stamp=self._stamp(due_ns), frame_id="vo")
-        is_keyframe = frame % FRAMES_PER_KEYFRAME == 0
+        is_keyframe = frame % FRAMES_PER_KEYFRAME == 0 and (self.keyframes or self._reference is None)
         if is_keyframe:
             self._reference = (frame // FRAMES_PER_KEYFRAME, T)
             keyframe = Keyframe(id=self._reference[0], stamp=header.stamp, pose=pose_from_matrix(T))

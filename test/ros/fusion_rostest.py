@@ -330,6 +330,19 @@ class Fusion(unittest.TestCase):
             self.listener.wait_for_level("fusion_node", OK)
             self.listener.wait_for_scale(self.robot)
 
+    def test_y_restart_while_no_keyframes_are_made(self):
+        """As while the robot stands: the latched window is enough to see by."""
+        self.robot.keyframes = False
+        try:
+            end_node("/fusion_node")
+            first = len(self.listener.scales)
+            wait_until(
+                lambda: any(scale.segment == 0 for scale in self.listener.scales[first:]), "the window is not used"
+            )
+        finally:
+            self.robot.keyframes = True
+        self.listener.wait_for_scale(self.robot)
+
     def test_z_another_parent_of_the_base(self):
         """The fusion steps back, so that the base does not jump between two parents."""
         driver = tf2_ros.TransformBroadcaster()

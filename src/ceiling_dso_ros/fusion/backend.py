@@ -89,14 +89,36 @@ class KeyframeBackend:
         interval = self._judged(
             Interval(self._graph.newest + 1, stamp_ns, wheels, visual, self._chain.continues(keyframe))
         )
-        self._bias.learn(interval)
-        self._graph.add(self._bridged(interval, track))
-        track.mark(stamp_ns, self._bias.constants)
+        self._append(interval, track)
         self._chain.link(interval.end, keyframe)
         self._mend_jump(interval)
         self.estimate = self._estimate()
         self._judge_scale()
         return True
+
+    def begin(self, status: OdometryStatus, stamp_ns: int, track: WheelTrack) -> None:
+        """Make a tracked image the first node, where its keyframe is older than the wheels' first sample.
+
+        So it is when the fusion begins while the robot stands: the next keyframe may be long to come.
+
+        Args:
+            status: of the image.
+            stamp_ns: of the image, on the wheels' clock.
+            track: the wheels, which have been heard of after that.
+        """
+        wheels, keyframe = track.since_mark(stamp_ns), self._chain.known(status.keyframe_id)
+        if wheels is None or keyframe is None:
+            return
+        interval = Interval(self._graph.newest + 1, stamp_ns, wheels)
+        self._append(interval, track)
+        self._chain.link(interval.end, keyframe, status.T_keyframe_camera)
+        self.estimate = self._estimate()
+        self._judge_scale()
+
+    def _append(self, interval: Interval, track: WheelTrack) -> None:
+        self._bias.learn(interval)
+        self._graph.add(self._bridged(interval, track))
+        track.mark(interval.stamp_ns, self._bias.constants)
 
     def motion_of(self, status: OdometryStatus) -> Optional[VisualMotion]:
         """Motion of the camera from the newest node to a tracked image; None when they cannot be related."""

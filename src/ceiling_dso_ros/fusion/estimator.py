@@ -177,7 +177,7 @@ class FusionEstimator:
             if isinstance(item, KeyframeEstimate):
                 self._use_keyframe(item, stamp_ns)
             else:
-                self._use_frame(item)
+                self._use_frame(item, stamp_ns)
 
     def _on_wheel_clock(self, stamp_ns: int) -> int:
         return stamp_ns + self._camera_offset_ns
@@ -208,7 +208,9 @@ class FusionEstimator:
         steps = self._track.steps(estimate.stamp_ns, self._track.end_ns)
         self._output.restart(estimate, [*steps, *(sighting for sighting in sightings if sighting is not None)])
 
-    def _use_frame(self, status: OdometryStatus) -> None:
+    def _use_frame(self, status: OdometryStatus, stamp_ns: int) -> None:
+        if self._backend.estimate is None:
+            self._backend.begin(status, stamp_ns, self._track)
         self._compare_frames(status)
         self._frames.append(status)
         sighting = self._sighting(status)

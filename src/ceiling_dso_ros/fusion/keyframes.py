@@ -16,11 +16,19 @@ from ceiling_dso_ros.fusion.durations import LONG_AGO_NS
 
 
 class NodeLink(NamedTuple):
-    """Which keyframe a node of the graph is."""
+    """Which keyframe a node of the graph is, or to which one it belongs.
+
+    Attributes:
+        node: number of the node.
+        keyframe_id: the keyframe.
+        segment: of both.
+        T_keyframe_node: (4, 4) pose of the node's camera on the keyframe, VO units.
+    """
 
     node: int
     keyframe_id: int
     segment: int
+    T_keyframe_node: np.ndarray
 
 
 class Refinement(NamedTuple):
@@ -61,23 +69,28 @@ class KeyframeChain:
         """The motions between consecutive nodes that the window holds now."""
         for before, after in zip(self._links, self._links[1:]):
             if after.node == before.node + 1 and after.segment == before.segment:
-                T = self._relative(before.keyframe_id, after.keyframe_id)
+                T = self._from(before, after.keyframe_id)
                 if T is not None:
-                    yield Refinement(after.node, T)
+                    yield Refinement(after.node, T @ after.T_keyframe_node)
 
     def motion_to(self, keyframe: KeyframeEstimate) -> Optional[np.ndarray]:
         """T_newest_keyframe (4, 4): motion of the camera from the newest node to a new keyframe; None if not seen."""
         if not self.continues(keyframe):
             return None
-        return self._relative(self._links[-1].keyframe_id, keyframe.keyframe_id)
+        return self._from(self._links[-1], keyframe.keyframe_id)
+
+    def known(self, keyframe_id: int) -> Optional[KeyframeEstimate]:
+        """A keyframe as last refined; None when it is not in the window."""
+        return self._poses.get(keyframe_id)
 
     def continues(self, keyframe: KeyframeEstimate) -> bool:
         """Whether a new keyframe is of the same segment as the newest node."""
         return bool(self._links) and self._links[-1].segment == keyframe.segment
 
-    def link(self, node: int, keyframe: KeyframeEstimate) -> None:
-        """Remember which node a keyframe has become."""
-        self._links.append(NodeLink(node, keyframe.keyframe_id, keyframe.segment))
+    def link(self, node: int, keyframe: KeyframeEstimate, T_keyframe_node: Optional[np.ndarray] = None) -> None:
+        """Remember which node a keyframe has become, or an image that was taken at (4, 4) T_keyframe_node."""
+        T = np.eye(4) if T_keyframe_node is None else T_keyframe_node
+        self._links.append(NodeLink(node, keyframe.keyframe_id, keyframe.segment, T))
 
     def from_newest(self, keyframe_id: int, T_keyframe_camera: np.ndarray) -> Optional[np.ndarray]:
         """T_newest_camera (4, 4) of a camera known relative to any keyframe of the newest node's segment."""
@@ -86,8 +99,13 @@ class KeyframeChain:
         newest = self._links[-1]
         if self._poses[keyframe_id].segment != newest.segment:
             return None
-        T = self._relative(newest.keyframe_id, keyframe_id)
+        T = self._from(newest, keyframe_id)
         return None if T is None else T @ T_keyframe_camera
+
+    def _from(self, link: NodeLink, keyframe_id: int) -> Optional[np.ndarray]:
+        """T_node_keyframe, (4, 4)."""
+        T = self._relative(link.keyframe_id, keyframe_id)
+        return None if T is None else se3.inverse(link.T_keyframe_node) @ T
 
     def _relative(self, from_id: int, to_id: int) -> Optional[np.ndarray]:
         if from_id == to_id:

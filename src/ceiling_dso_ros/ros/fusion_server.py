@@ -125,7 +125,7 @@ class FusionServer:
         self._record = FusedRecord()
         self._clock.reset()
         self._last_image_ns: Optional[int] = None
-        self._window_known = False
+        self._first_window: Optional[OdometryStatus] = None
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
         self._newest_image: Optional[OdometryStatus] = None
         self._camera_may_be_old = True
@@ -180,21 +180,20 @@ class FusionServer:
                 self._images.complain(str(error))
                 return
             if status is not None and self._is_of_now(status.stamp_ns):
-                self._window_known |= bool(status.keyframes)
                 self._take_in(status, message.header.stamp, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
         """Take in the latched window, which a robot that stands may not refine for long."""
         with self._lock:
-            if self._window_known or not self._camera_known:
+            if self._first_window is not None or self._newest_image is not None:
                 return
             try:
-                window = window_from_message(message, self._clock)
+                self._first_window = window_from_message(message, self._clock)
             except ValueError as error:
                 self._images.complain(str(error))
                 return
-            self._window_known = True
-            self._estimator.add_keyframes(window)
+            if self._camera_known:
+                self._estimator.add_keyframes(self._first_window)
 
     def _is_of_now(self, stamp_ns: int) -> bool:
         """Whether an image is neither of the run before nor out of order."""
@@ -231,6 +230,8 @@ class FusionServer:
             return
         self._camera_known = True
         self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
+        if self._first_window is not None:
+            self._estimator.add_keyframes(self._first_window)
         if self._state is not None:
             self._estimator.set_pose(self._state.pose)
 
