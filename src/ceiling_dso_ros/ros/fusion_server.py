@@ -125,7 +125,7 @@ class FusionServer:
         self._record = FusedRecord()
         self._clock.reset()
         self._last_image_ns: Optional[int] = None
-        self._first_window: Optional[OdometryStatus] = None
+        self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
         self._newest_image: Optional[OdometryStatus] = None
         self._camera_may_be_old = True
@@ -185,15 +185,15 @@ class FusionServer:
     def _on_keyframes(self, message: Keyframes) -> None:
         """Take in the latched window, which a robot that stands may not refine for long."""
         with self._lock:
-            if self._first_window is not None or self._newest_image is not None:
+            if self._window is not None:  # the others come with their statuses
                 return
             try:
-                self._first_window = window_from_message(message, self._clock)
+                self._window = window_from_message(message, self._clock)
             except ValueError as error:
                 self._images.complain(str(error))
                 return
             if self._camera_known:
-                self._estimator.add_keyframes(self._first_window)
+                self._estimator.add_keyframes(self._window)
 
     def _is_of_now(self, stamp_ns: int) -> bool:
         """Whether an image is neither of the run before nor out of order."""
@@ -210,6 +210,8 @@ class FusionServer:
         return False
 
     def _take_in(self, status: OdometryStatus, stamp: rospy.Time, start_s: float) -> None:
+        if status.keyframes:
+            self._window = status
         if not self._camera_known:  # without its mount its motion means nothing
             return
         self._newest_image = status
@@ -230,8 +232,8 @@ class FusionServer:
             return
         self._camera_known = True
         self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
-        if self._first_window is not None:
-            self._estimator.add_keyframes(self._first_window)
+        if self._window is not None:
+            self._estimator.add_keyframes(self._window)
         if self._state is not None:
             self._estimator.set_pose(self._state.pose)
 
@@ -278,7 +280,11 @@ class FusionServer:
 
     def _reset(self) -> str:
         with self._lock:
+            window = self._window
             self._start_anew("asked to reset")
+            if window is not None and self._camera_known:
+                self._window = window
+                self._estimator.add_keyframes(window)
         return "the next wheel sample is the origin"
 
     def _set_pose(self, request: SetPoseRequest) -> SetPoseResponse:
