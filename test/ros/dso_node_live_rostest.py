@@ -14,6 +14,7 @@ import numpy as np
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
+from dynamic_reconfigure.client import Client
 from fake_camera import CAMERA, FakeCamera
 from fake_robot import Listener, end_node, wait_until
 from geometry_msgs.msg import PoseStamped
@@ -216,6 +217,41 @@ class DsoNodeLive(unittest.TestCase):
             self.assertEqual(node.wait(30.0), 0)
             self.assertLess(time.monotonic() - start_s, 2.0)
             self.assertGreater(len(read_tum(out / "camera.tum")), 0)
+
+    def test_frame_rate_while_driving(self):
+        client = Client("dso_node")
+        try:
+            client.update_configuration({"frame_rate": 5.0})
+            self.assertEqual(rospy.get_param("dso_node/frame_rate"), 5.0)
+            time.sleep(0.5)  # what was under way
+            first = len(self.statuses)
+            wait_until(lambda: len(self.statuses) >= first + 5, "no images any more")
+        finally:
+            client.update_configuration({"frame_rate": 0.0})
+        stamps_s = [status.header.stamp.to_sec() for status in self.statuses[first:]]
+        self.assertGreater(np.diff(stamps_s).min(), 0.12)  # the camera's images are 0.067 s apart
+
+    def test_image_size(self):
+        for size, state, text in (
+            ("240x180", VisualOdometryStatus.INITIALIZING, ""),
+            ("318x238", VisualOdometryStatus.WAITING, "318x238 pixels: too small to be tracked, or not divisible by 4"),
+            ("640x480", VisualOdometryStatus.WAITING, "640x480 is larger than the images, 320x240"),
+        ):
+            command = ["rosrun", "ceiling_dso_ros", "dso_node", "__name:=scaled", f"_image_size:={size}"]
+            remaps = ["image:=camera/up/image_raw", "camera_info:=camera/up/camera_info"]
+            names = ("status", "odometry", "keyframes", "pose", "debug_image")
+            topics = [f"visual_odometry/{name}:=scaled/{name}" for name in names]
+            node = subprocess.Popen([*command, *remaps, *topics], start_new_session=True)
+            try:
+                status = next_message("scaled/status", VisualOdometryStatus)
+                self.assertEqual(status.state, state)
+                self.assertIn(text, status.message)
+                if not text:
+                    image = next_message("scaled/debug_image", Image)
+                    self.assertEqual((image.width, image.height), (240, 180))
+            finally:
+                os.killpg(node.pid, signal.SIGINT)
+                self.assertEqual(node.wait(30.0), 0)
 
     def test_wrong_output_folder_is_refused(self):
         node = subprocess.run(

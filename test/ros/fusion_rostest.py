@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """wheel_odometry_node and fusion_node on a robot that drives: what a navigation stack takes from them."""
 
+import subprocess
 import sys
 import tempfile
 import time
@@ -12,6 +13,8 @@ import rospy
 import rostest
 import tf2_ros
 from diagnostic_msgs.msg import DiagnosticStatus
+from dynamic_reconfigure import DynamicReconfigureCallbackException
+from dynamic_reconfigure.client import Client
 from fake_robot import (
     CAMERA_HZ,
     FRAMES_PER_KEYFRAME,
@@ -322,13 +325,65 @@ class Fusion(unittest.TestCase):
             self.assertEqual(found.header.stamp, stamp)
             self.assertEqual(found.transform.translation.x, messages[2].pose.pose.position.x)
 
+    def test_covariance_scale_while_driving(self):
+        client = Client("fusion_node")
+        before = self.recent(0.2)[-1]
+        try:
+            client.update_configuration({"covariance_scale": 100.0})
+            self.assertEqual(rospy.get_param("fusion_node/covariance_scale"), 100.0)
+            after = self.recent(0.2)[-1]
+        finally:
+            client.update_configuration({"covariance_scale": 1.0})
+        for one, other in ((before.pose, after.pose), (before.twist, after.twist)):
+            ratio = np.diagonal(np.reshape(other.covariance, (6, 6)))[[0, 5]]
+            ratio = ratio / np.diagonal(np.reshape(one.covariance, (6, 6)))[[0, 5]]
+            self.assertTrue(((ratio > 30.0) & (ratio < 300.0)).all(), ratio)
+
+    def test_output_while_driving(self):
+        """A correction that may be large is worked in sooner; the pose does not jump beyond it."""
+        client = Client("fusion_node/output")
+        known = client.get_configuration()
+        try:
+            client.update_configuration({"blend_s": 0.01, "max_correction_m": 0.1})
+            self.assertEqual(rospy.get_param("fusion_node/output/blend_s"), 0.01)
+            self.assertEqual(rospy.get_param("fusion_node/output/max_correction_rad"), known["max_correction_rad"])
+            poses = self.recent(1.0)
+        finally:
+            client.update_configuration({name: known[name] for name in ("blend_s", "max_correction_m")})
+        steps = [planar.between(xy_yaw(a), xy_yaw(b)) for a, b in zip(poses, poses[1:])]
+        self.assertLess(np.abs(steps).max(), 0.03)
+        self.assertEqual(self.listener.statuses[-1].resets, self.listener.statuses[0].resets)
+
+    def test_what_is_out_of_range_is_refused_and_nothing_changes(self):
+        client = Client("fusion_node/output")
+        with self.assertRaises(DynamicReconfigureCallbackException):
+            client.update_configuration({"blend_s": 100.0, "max_correction_m": 0.05})
+        self.assertEqual(rospy.get_param("fusion_node/output/blend_s"), 0.1)
+        self.assertEqual(rospy.get_param("fusion_node/output/max_correction_m"), 0.005)
+
+    def test_misspelt_parameters_are_refused_in_one_line(self):
+        for node, parameter, complaint in (
+            ("fusion_node", "_publish_ft:=false", "/refused: publish_ft is unknown; did you mean publish_tf?"),
+            ("fusion_node", "_outputs/blend_s:=1", "outputs/blend_s is unknown; did you mean output/blend_s?"),
+            ("wheel_odometry_node", "_wheels/radius_sigm:=1", "did you mean wheels/radius_sigma?"),
+            ("wheel_odometry_node", "_silence:=2", "/refused/robot: has no ticks_per_turn"),
+        ):
+            command = ["rosrun", "ceiling_dso_ros", node, "__name:=refused", parameter]
+            ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
+            rospy.delete_param("refused")
+            self.assertEqual(ended.returncode, 2)
+            self.assertIn(complaint, ended.stderr)
+            self.assertEqual(len(ended.stderr.strip().splitlines()), 1)
+
     def test_y_restart_of_each_node(self):
+        Client("fusion_node").update_configuration({"path_length": 123})
         for node in ("wheel_odometry_node", "fusion_node"):
             end_node(f"/{node}")
             self.listener.diagnostics.pop(node, None)
             self.listener.wait_for_level(node, OK)
             self.listener.wait_for_level("fusion_node", OK)
             self.listener.wait_for_scale(self.robot)
+        self.assertEqual(Client("fusion_node").get_configuration()["path_length"], 123)  # what was set stays set
 
     def test_y_restart_while_no_keyframes_are_made(self):
         """As while the robot stands: the latched window is enough to see by."""
