@@ -183,7 +183,7 @@ def test_paths_of_bags_may_hold_anything(path):
 def test_playback_records_and_waits_for_what_the_nodes_are_told_to_publish():
     config = load("playback", "record:=/x.bag", "odometry:=ceiling/odometry", "wheel_odometry:=/robot/odom")
     recorder = next(node for node in config.nodes if node.name == "recorder")
-    assert {"ceiling/odometry", "/robot/odom"} <= set(shlex.split(recorder.args))
+    assert {"/ceiling/odometry", "/robot/odom"} <= set(shlex.split(recorder.args))
     topics = config.params["/playback_gate/topics"].value
     assert topics == ["/camera/up/image_raw", "visual_odometry/status", "/robot/odom", "ceiling/odometry"]
     assert "recorder" not in {node.name for node in load("playback").nodes}

@@ -38,8 +38,9 @@ SLOWLY = 0.2  # so that no image is dropped
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """Eight seconds of driving, with small images."""
-    path = tmp_path_factory.mktemp("drive") / "drive.bag"
+    """Eight seconds of driving, with small images; in a folder whose name takes some care."""
+    path = tmp_path_factory.mktemp("drive") / 'it\'s "a" drive' / "drive.bag"
+    path.parent.mkdir()
     recording = SimulatedRecording(
         SimulationConfig("loops", "factory", camera=CameraModel(width=424, height=240, fps=15.0), duration_s=8.0)
     )
@@ -59,7 +60,7 @@ class Launched:
         uri = {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1", "ROS_LOG_DIR": str(folder / "log")}
         self.environment = {**os.environ, **uri}
         self.environment.pop("ROS_HOSTNAME", None)
-        self.published = folder / "published.bag"
+        self.published = folder / "what's published.bag"
         command = ["roslaunch", "-p", port, "ceiling_dso_ros", "playback.launch", f"bag:={bag}"]
         command += [f"robot:={files_beside(bag)['robot']}", f"record:={self.published}", *arguments]
         self.process = subprocess.Popen(
@@ -98,7 +99,7 @@ class Launched:
 
 
 def test_live_and_offline_agree(bag, tmp_path):
-    live, offline = tmp_path / "live", tmp_path / "offline"
+    live, offline = tmp_path / "poses of the nodes", tmp_path / "offline"
     launched = Launched(bag, tmp_path, f"rate:={SLOWLY}", "mapping:=sequential", f"trajectory_dir:={live}")
     launched.wait()
     assert main(["run", str(bag), "--out", str(offline)]) == 0
