@@ -1,11 +1,8 @@
 """Parameters given in a launch file reach the nodes, from devel and install space, and all of them are shown."""
 
-import os
 import shlex
 import signal
-import socket
 import subprocess
-import time
 import xmlrpc.client
 from dataclasses import fields
 from pathlib import Path
@@ -53,71 +50,21 @@ LAUNCH = """<launch>
 SETTINGS = "window: {active_points: 800}\nvo_frame: 7\nkeep_trajectory: no\n"
 
 
-def in_space(space, command):
-    """The command with the space's setup, as in a shell of its own."""
-    setup = shlex.quote(str(WORKSPACE / space / "setup.bash"))
-    return ["bash", "-c", f"source {setup} && PATH={WORKSPACE.parent / '.venv/bin'}:$PATH exec {shlex.join(command)}"]
-
-
-@pytest.fixture
-def environment(tmp_path):
-    """Of a master of our own."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_HOSTNAME", "PYTHON"))}
-    return {
-        **environment,
-        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
-        "ROS_IP": "127.0.0.1",
-        "ROS_LOG_DIR": str(tmp_path / "log"),
-    }
-
-
-def wait_until(condition, process):
-    deadline = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            if condition():
-                return
-        except OSError:
-            pass
-        assert process.poll() is None, "it has ended"
-        assert time.monotonic() < deadline
-        time.sleep(0.2)
-
-
-@pytest.fixture
-def master(environment):
-    """A master that has been in use before."""
-    uri = environment["ROS_MASTER_URI"]
-    core = subprocess.Popen(
-        in_space("devel", ["roscore", "-p", uri.rpartition(":")[2]]), env=environment, stdout=subprocess.DEVNULL
-    )
-    proxy = xmlrpc.client.ServerProxy(uri)
-    try:
-        wait_until(lambda: proxy.getPid("/test")[0] == 1, core)
-        proxy.setParam("/test", "/dso_node/window/min_keyframes", 4)
-        proxy.setParam("/test", "/dso_node/of_an_older_version", True)
-        yield proxy
-    finally:
-        core.send_signal(signal.SIGINT)
-        core.wait(PATIENCE_S)
-
-
 @pytest.fixture(params=["devel", "install"])
-def space(request):
+def space(request, in_space):
     if request.param == "install":
         command = f"catkin_make -C {shlex.quote(str(WORKSPACE))} install"
         subprocess.run(in_space("devel", shlex.split(command)), check=True, timeout=PATIENCE_S, capture_output=True)
     return request.param
 
 
-def test_parameters_of_a_launch_file(space, environment, master, tmp_path):
+def test_parameters_of_a_launch_file(space, in_space, environment, master, wait_until, tmp_path):
     folder = tmp_path / "a folder"
     folder.mkdir()
     (folder / "own.launch").write_text(LAUNCH)
     (folder / "my settings.yaml").write_text(SETTINGS)
+    master.setParam("/test", "/dso_node/window/min_keyframes", 4)
+    master.setParam("/test", "/dso_node/of_an_older_version", True)  # this master has been in use before
     log = (tmp_path / "roslaunch.log").open("w")
     launch = in_space(space, ["roslaunch", str(folder / "own.launch")])
     process = subprocess.Popen(launch, env=environment, stdout=log, stderr=log, start_new_session=True)

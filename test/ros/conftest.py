@@ -1,0 +1,76 @@
+"""A master of our own, and commands with the setup of the workspace's spaces; for tests that start nodes."""
+
+import os
+import shlex
+import signal
+import socket
+import subprocess
+import time
+import xmlrpc.client
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).parents[2]
+PATIENCE_S = 180.0
+
+
+@pytest.fixture
+def in_space():
+    """Makes the command that runs another one as a shell does that has sourced a space's setup, devel or install."""
+
+    def command(space, words):
+        setup = shlex.quote(str(CHECKOUT / ".ws" / space / "setup.bash"))
+        scripts = shlex.quote(str(CHECKOUT / ".venv" / "bin"))
+        return ["bash", "-c", f"source {setup} && PATH={scripts}:$PATH exec {shlex.join(words)}"]
+
+    return command
+
+
+@pytest.fixture
+def environment(tmp_path):
+    """Of nodes at a master of our own."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_HOSTNAME", "PYTHON"))}
+    return {
+        **environment,
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+        "ROS_IP": "127.0.0.1",
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+    }
+
+
+@pytest.fixture
+def wait_until():
+    """Polls a condition, which may ask a node that does not answer yet, as long as a process runs."""
+
+    def wait(condition, process):
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                if condition():
+                    return
+            except OSError:
+                pass
+            assert process.poll() is None, "it has ended"
+            assert time.monotonic() < deadline, "it takes too long"
+            time.sleep(0.2)
+
+    return wait
+
+
+@pytest.fixture
+def master(environment, in_space, wait_until):
+    """Its API; it ends with the test."""
+    uri = environment["ROS_MASTER_URI"]
+    command = in_space("devel", ["roscore", "-p", uri.rpartition(":")[2]])
+    core = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
+    proxy = xmlrpc.client.ServerProxy(uri)
+    try:
+        wait_until(lambda: proxy.getPid("/test")[0] == 1, core)
+        yield proxy
+    finally:
+        core.send_signal(signal.SIGINT)
+        core.wait(PATIENCE_S)
