@@ -12,13 +12,14 @@ version lacks it, the plain kernel is used, which is correct and slower.
 some length as a call unless it is told not to.
 """
 
-import functools
 import warnings
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Set
+from typing import Any, Callable, Dict, List, Set, TypeVar, cast
 
 import llvmlite.binding as llvm
 import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 _compiled: List[Any] = []
@@ -45,18 +46,34 @@ def _noalias_option() -> Dict[str, Any]:
     return {"noalias": True}
 
 
-def _compile(function: Callable[..., Any], options: Dict[str, Any]) -> Callable[..., Any]:
-    compiled = _cached_where_possible(function, options)
-    _compiled.append(compiled)
-    return compiled
-
-
 def cache_folders() -> Set[Path]:
     """Where the machine code of all kernels that have been imported is cached."""
     return {Path(function.stats.cache_path) for function in _compiled if function.stats.cache_path is not None}
 
 
-def _cached_where_possible(function: Callable[..., Any], options: Dict[str, Any]) -> Callable[..., Any]:
+def kernel(function: Function) -> Function:
+    """Decorate a function that is compiled to machine code."""
+    return _compile(function, _OPTIONS)
+
+
+def kernel_inlined(function: Function) -> Function:
+    """Decorate a function that is compiled into every kernel that calls it."""
+    return _compile(function, _INLINED_OPTIONS)
+
+
+def kernel_noalias(function: Function) -> Function:
+    """Decorate a kernel no written array of which overlaps another argument."""
+    return _compile(function, _NOALIAS_OPTIONS)
+
+
+def _compile(function: Function, options: Dict[str, Any]) -> Function:
+    compiled = _cached_where_possible(function, options)
+    _compiled.append(compiled)
+    # What is compiled is called as the function is, and checked as such.
+    return cast(Function, compiled)
+
+
+def _cached_where_possible(function: Callable[..., Any], options: Dict[str, Any]) -> Any:
     try:
         return numba.njit(**options)(function)
     except RuntimeError as error:  # numba finds no folder that it can write
@@ -65,6 +82,5 @@ def _cached_where_possible(function: Callable[..., Any], options: Dict[str, Any]
 
 
 _let_avx2_gather()
-kernel: Callable[..., Any] = functools.partial(_compile, options=_OPTIONS)
-kernel_inlined: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, "forceinline": True})
-kernel_noalias: Callable[..., Any] = functools.partial(_compile, options={**_OPTIONS, **_noalias_option()})
+_INLINED_OPTIONS = {**_OPTIONS, "forceinline": True}
+_NOALIAS_OPTIONS = {**_OPTIONS, **_noalias_option()}
