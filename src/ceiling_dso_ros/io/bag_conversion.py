@@ -42,11 +42,13 @@ def _image_events(recording: Recording, bag: BagWriter, topics: TopicNames) -> I
     exposure_topic = topics.exposure or topics.beside_image("exposure")
     info = _camera_info(recording.calibration)
     for listed in recording.images():
+        stamp_ns = listed.stamp_ns
+        if stamp_ns is None:  # its message cannot be read
+            continue
         try:
             image = listed.decode()
         except FrameError:
             continue
-        stamp_ns = listed.stamp_ns
         if info is not None:
             yield stamp_ns, partial(bag.camera_info, info_topic, stamp_ns, CAMERA_FRAME, **info)
         if listed.exposure_ms is not None:

@@ -5,7 +5,7 @@ import struct
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Dict, Optional, Type, Union
+from typing import BinaryIO, Dict, Optional, Type, Union, cast
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer
@@ -37,8 +37,9 @@ class BagWriter(MessageWriter):
             self._active.unlink(missing_ok=True)
             self._writer = Writer(self._active)
             self._writer.open()
-            self._writer.bio.write(b" " * HEADER_GAP)
-            self._writer.bio.flush()
+            self._file = cast(BinaryIO, self._writer.bio)  # there since `open`
+            self._file.write(b" " * HEADER_GAP)
+            self._file.flush()
             _lengthen_bag_header(self._active)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot write the bag: {error.strerror}") from error
@@ -49,7 +50,7 @@ class BagWriter(MessageWriter):
     def __exit__(
         self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
     ) -> None:
-        if self._writer.bio.closed:  # abandoned
+        if self._file.closed:  # abandoned
             return
         try:
             with deferred_interrupt():
@@ -77,7 +78,7 @@ class BagWriter(MessageWriter):
     def _abandon(self, error: OSError) -> None:
         """Remove what was written: without its index it is of no use."""
         with suppress(OSError):  # what is still in the buffer finds no room either
-            self._writer.bio.close()
+            self._file.close()
         self._active.unlink(missing_ok=True)
         raise OutputError(f"{self.path}: cannot write the bag, it was removed: {error.strerror}") from error
 

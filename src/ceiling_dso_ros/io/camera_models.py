@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import List, Sequence, Tuple, Union
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.errors import InputError
@@ -72,8 +73,8 @@ def calibration_from_camera_info(
     height: int,
     distortion_model: str,
     D: Sequence[float],
-    K: Sequence[float],
-    P: Sequence[float] = (),
+    K: ArrayLike,
+    P: ArrayLike = (),
     rectified: bool = False,
     source: str = "camera_info",
 ) -> CameraCalibration:
@@ -98,10 +99,10 @@ def calibration_from_camera_info(
     columns = 4 if rectified else 3
     if matrix.size != 3 * columns:
         raise InputError(f"{source}: {'P' if rectified else 'K'} has {matrix.size} numbers instead of {3 * columns}")
-    intrinsics = tuple(matrix[[0, columns + 1, 2, columns + 2]].tolist())
+    fx, fy, cx, cy = matrix[[0, columns + 1, 2, columns + 2]].tolist()
     model, distortion = ("Pinhole", ()) if rectified else _lens_of_camera_info(distortion_model, D, source)
     try:
-        lens = LensCamera(model, *intrinsics, distortion, width, height)
+        lens = LensCamera(model, fx, fy, cx, cy, distortion, width, height)
         return CameraCalibration(lens, crop_camera(lens, width, height))
     except ValueError as error:
         raise InputError(f"{source}: {error}; is the camera calibrated?") from error

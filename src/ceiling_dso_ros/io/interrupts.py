@@ -3,7 +3,8 @@
 import signal
 import threading
 from contextlib import contextmanager
-from typing import Iterator, List, Optional
+from types import FrameType
+from typing import Iterator, List, Optional, Tuple
 
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
@@ -18,18 +19,21 @@ def deferred_interrupt() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # signals only ever reach the main thread
         yield
         return
-    received: List[tuple] = []
-    handlers = {number: signal.signal(number, lambda *arguments: received.append(arguments)) for number in INTERRUPTS}
+    received: List[Tuple[int, Optional[FrameType]]] = []
+    handlers = {
+        number: signal.signal(number, lambda number, frame: received.append((number, frame))) for number in INTERRUPTS
+    }
     try:
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for arguments in received[:1]:
-            if callable(handlers[arguments[0]]):
-                handlers[arguments[0]](*arguments)
-            elif handlers[arguments[0]] == signal.SIG_DFL:
-                signal.raise_signal(arguments[0])
+        for number, frame in received[:1]:
+            handler = handlers[number]
+            if callable(handler):
+                handler(number, frame)
+            elif handler == signal.SIG_DFL:
+                signal.raise_signal(number)
 
 
 def was_interrupt(error: Optional[BaseException]) -> bool:

@@ -4,8 +4,18 @@ from abc import ABC, abstractmethod
 from typing import Dict, Iterable, Optional, Sequence, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ceiling_dso_ros.io.ros_messages import RosMessage, header, message, pose, quaternion, transform_stamped, vector
+from ceiling_dso_ros.io.ros_messages import (
+    RosMessage,
+    Vector,
+    header,
+    message,
+    pose,
+    quaternion,
+    transform_stamped,
+    vector,
+)
 
 ENCODING_OF_DTYPE = {"uint8": "mono8", "uint16": "mono16"}
 
@@ -103,8 +113,8 @@ class MessageWriter(ABC):
         topic: str,
         stamp_ns: int,
         names: Sequence[str],
-        positions: Sequence[float],
-        velocities: Sequence[float] = (),
+        positions: ArrayLike,
+        velocities: ArrayLike = (),
     ) -> None:
         """Write sensor_msgs/JointState: wheel angles in radians, rates in radians per second."""
         content = message(
@@ -124,8 +134,8 @@ class MessageWriter(ABC):
         frame_id: str,
         child_frame_id: str,
         T_frame_child: np.ndarray,
-        linear: Sequence[float],
-        angular: Sequence[float],
+        linear: Vector,
+        angular: Vector,
         pose_covariance: Optional[np.ndarray] = None,
         twist_covariance: Optional[np.ndarray] = None,
     ) -> None:
@@ -189,8 +199,8 @@ class MessageWriter(ABC):
         topic: str,
         stamp_ns: int,
         frame_id: str,
-        angular_velocity: Sequence[float],
-        linear_acceleration: Sequence[float],
+        angular_velocity: Vector,
+        linear_acceleration: Vector,
     ) -> None:
         """Write sensor_msgs/Imu: rad/s and m/s^2 in frame_id, no orientation."""
         content = message(

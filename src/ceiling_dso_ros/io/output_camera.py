@@ -62,7 +62,7 @@ def _reach(lens: LensCamera, directions: np.ndarray) -> np.ndarray:
 def _grow(lens: LensCamera, view: np.ndarray, wider: np.ndarray, furthest: np.ndarray) -> np.ndarray:
     """Move a view as far towards a wider one, itself within furthest, as its whole border is seen."""
     # The samples stay where they are while the view grows: one that touches the image's edge must not begin to slide.
-    x, y = np.linspace(*furthest[:2], SAMPLES), np.linspace(*furthest[2:], SAMPLES)
+    x, y = (np.linspace(first, last, SAMPLES) for first, last in furthest.reshape(2, 2))
 
     def is_seen(s: np.ndarray) -> np.ndarray:
         left, right, top, bottom = view + s * (wider - view)

@@ -50,7 +50,7 @@ class PhotometricCalibration:
             corrected = image.astype(np.float32)
         else:
             corrected = cv2.LUT(image, self.inverse_response.astype(np.float32))
-        if self.vignette is not None:
+        if self._gain is not None:
             corrected *= self._gain
         return corrected
 
@@ -59,8 +59,8 @@ class PhotometricCalibration:
         return np.array_equal(self.inverse_response, np.arange(GREY_LEVELS))
 
     @cached_property
-    def _gain(self) -> np.ndarray:
-        return 1.0 / self.vignette
+    def _gain(self) -> Optional[np.ndarray]:
+        return None if self.vignette is None else 1.0 / self.vignette
 
     @cached_property
     def _table_of_16_bits(self) -> np.ndarray:

@@ -209,6 +209,8 @@ class Recording(ABC):
                 continue
             try:
                 image = self._read(listed, last_ns)
+                if listed.stamp_ns is None or stamp_s is None:
+                    raise FrameError("it has no time stamp")
             except FrameError as error:
                 yield SkippedFrame(listed.stamp_ns, f"{listed.name}: {error}; frame skipped")
                 continue

@@ -1,6 +1,6 @@
 """ROS 1 messages without ROS: their types and the parts that many of them share."""
 
-from typing import Any, Tuple
+from typing import Any, Dict, Sequence, Tuple, Union
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
 
 RosMessage = Any  # the classes of the type store have no common base
+Vector = Union[Sequence[float], np.ndarray]  # (3,)
 
 # Not part of the noetic type store of rosbags. Exposure is msg/Exposure.msg of this package.
 EXTRA_DEFINITIONS = {
@@ -46,7 +47,7 @@ def header_stamp_ns(header: RosMessage) -> int:
     return stamp_from_parts(header.stamp.sec, header.stamp.nanosec)
 
 
-def vector(xyz: np.ndarray) -> RosMessage:
+def vector(xyz: Vector) -> RosMessage:
     """geometry_msgs/Vector3 of (3,) numbers."""
     return message("geometry_msgs/Vector3", **_xyz(xyz))
 
@@ -87,6 +88,6 @@ def transform_matrix(transform: RosMessage) -> Tuple[str, str, np.ndarray]:
     return transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/"), T_parent_child
 
 
-def _xyz(values: np.ndarray) -> dict:
+def _xyz(values: Vector) -> Dict[str, float]:
     x, y, z = (float(value) for value in values)
     return {"x": x, "y": y, "z": z}

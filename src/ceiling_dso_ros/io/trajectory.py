@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import List, Optional, Sequence, Tuple, Type, Union
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError, OutputError
@@ -37,7 +38,7 @@ class Trajectory:
         return (self.stamps_ns - self.stamps_ns[:1]) / NANOSECONDS
 
     @classmethod
-    def from_matrices(cls, stamps_ns: Sequence[int], T_frame_body: Sequence[np.ndarray]) -> "Trajectory":
+    def from_matrices(cls, stamps_ns: ArrayLike, T_frame_body: ArrayLike) -> "Trajectory":
         """Trajectory of (N,) stamps and (N, 4, 4) poses."""
         T = np.asarray(T_frame_body, dtype=np.float64).reshape(-1, 4, 4)
         quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat() if len(T) else np.zeros((0, 4))

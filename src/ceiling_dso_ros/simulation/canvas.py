@@ -88,7 +88,7 @@ class Canvas:
         line = np.round((points / self.texel_m - (columns.start, rows.start)) * 16).astype(np.int32)
         thickness = max(1, round(width_m / self.texel_m))
         if mask.size:
-            cv2.polylines(mask, [line], False, 255, thickness, cv2.LINE_AA, shift=4)
+            cv2.polylines(mask, [line], False, (255,), thickness, cv2.LINE_AA, shift=4)
         part *= _mixed(gain, mask, min(1.0, width_m / self.texel_m))
 
     def text(self, text: str, gain: float) -> None:
@@ -96,7 +96,7 @@ class Canvas:
         face, unit = cv2.FONT_HERSHEY_DUPLEX, 2.0
         (width, height), baseline = cv2.getTextSize(text, face, unit, 6)
         picture = np.zeros((height + 2 * baseline, width + 2 * baseline), dtype=np.uint8)
-        cv2.putText(picture, text, (baseline, height + baseline), face, unit, 255, 6, cv2.LINE_AA)
+        cv2.putText(picture, text, (baseline, height + baseline), face, unit, (255,), 6, cv2.LINE_AA)
         rows, columns = self.values.shape
         self.values *= _mixed(gain, cv2.resize(picture, (columns, rows), interpolation=cv2.INTER_AREA)[::-1])
 

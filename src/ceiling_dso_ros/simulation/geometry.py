@@ -4,13 +4,13 @@ World frame: x along the hall, y across it, z up, the origin on the floor in the
 """
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ceiling_dso_ros.simulation.materials import Material
 
-Point = Sequence[float]
+Point = Union[Sequence[float], np.ndarray]
 
 
 @dataclass(eq=False)
@@ -60,7 +60,7 @@ class Surface:
     @property
     def extent_m(self) -> Tuple[float, float]:
         """Extent along u and v, metres."""
-        return tuple(float(np.ptp(self.vertices @ axis)) for axis in (self.axis_u, self.axis_v))
+        return float(np.ptp(self.vertices @ self.axis_u)), float(np.ptp(self.vertices @ self.axis_v))
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 def polygon(
-    vertices: Sequence[Point],
+    vertices: Union[Sequence[Point], np.ndarray],
     material: Material,
     along: Optional[Point] = None,
     sheet: Optional[Sheet] = None,

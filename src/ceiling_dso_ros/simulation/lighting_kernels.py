@@ -6,7 +6,16 @@ from ceiling_dso_ros.dso.compute.jit import kernel
 
 
 @kernel
-def add_light(points, normals, source, power, floor, shadow_map, focal, irradiance):
+def add_light(
+    points: np.ndarray,
+    normals: np.ndarray,
+    source: np.ndarray,
+    power: float,
+    floor: bool,
+    shadow_map: np.ndarray,
+    focal: float,
+    irradiance: np.ndarray,
+) -> None:
     """Add the light of one source to `irradiance`.
 
     Args:

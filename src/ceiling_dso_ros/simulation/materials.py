@@ -61,7 +61,7 @@ def _panels(canvas: Canvas, axis: int, pitch: float, spread: float) -> None:
     for start in np.arange(0.0, canvas.size_m[axis], pitch):
         corner, size = [0.0, 0.0], list(canvas.size_m)
         corner[axis], size[axis] = start, pitch
-        canvas.rectangle(tuple(corner), tuple(size), 1.0 + canvas.rng.uniform(-spread, spread))
+        canvas.rectangle((corner[0], corner[1]), (size[0], size[1]), 1.0 + canvas.rng.uniform(-spread, spread))
     canvas.stripes(axis, _every(canvas, axis, pitch), 0.012, 0.8)
 
 

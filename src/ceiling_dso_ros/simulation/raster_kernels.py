@@ -6,13 +6,14 @@ w = n.(R K^-1 p) / (d - n.C), which is affine in the pixel: a polygon costs one 
 Everywhere R (3, 3) holds the axes of the camera in the world and C (3,) its centre, so T_world_camera = [R C].
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
 
 f32 = np.float32
+Intrinsics = Tuple[float, float, float, float]  # fx fy cx cy in pixels
 NOTHING = -1
 BEHIND = 1e-3  # metres in front of the camera from which a vertex counts as visible
 
@@ -36,7 +37,9 @@ class Mesh(NamedTuple):
 
 
 @kernel
-def visible_polygons(mesh, R, C, intrinsics, width, height, margin):
+def visible_polygons(
+    mesh: Mesh, R: np.ndarray, C: np.ndarray, intrinsics: Intrinsics, width: int, height: int, margin: float
+) -> np.ndarray:
     """Indices of the polygons that may be visible from (R, C) when it moves by up to `margin` metres, (n,) int32."""
     fx, fy, cx, cy = intrinsics
     found = np.empty(len(mesh.radii), np.int32)
@@ -62,13 +65,21 @@ def visible_polygons(mesh, R, C, intrinsics, width, height, margin):
 
 
 @kernel
-def _beside(x, z, focal, edge):
+def _beside(x: float, z: float, focal: float, edge: float) -> float:
     """Distance of a point outside the frustum's side plane focal * x = -edge * z; negative inside."""
     return -(focal * x + edge * z) / np.sqrt(focal * focal + edge * edge)
 
 
 @kernel
-def rasterise(mesh, polygons, R, C, intrinsics, inverse_depth, surface):
+def rasterise(
+    mesh: Mesh,
+    polygons: np.ndarray,
+    R: np.ndarray,
+    C: np.ndarray,
+    intrinsics: Intrinsics,
+    inverse_depth: np.ndarray,
+    surface: np.ndarray,
+) -> None:
     """Find the nearest of the polygons at every pixel centre.
 
     Args:
@@ -99,7 +110,9 @@ def rasterise(mesh, polygons, R, C, intrinsics, inverse_depth, surface):
 
 
 @kernel
-def inverse_depth_plane(n, d, R, C, intrinsics):
+def inverse_depth_plane(
+    n: np.ndarray, d: float, R: np.ndarray, C: np.ndarray, intrinsics: Intrinsics
+) -> Tuple[float, float, float, bool]:
     """Coefficients of 1/z = wx x + wy y + w1 on the plane n.X = d, and whether its front faces the camera."""
     distance = d - (n[0] * C[0] + n[1] * C[1] + n[2] * C[2])
     if distance > -1e-9:
@@ -109,7 +122,7 @@ def inverse_depth_plane(n, d, R, C, intrinsics):
 
 
 @kernel
-def ray_product(a, R, intrinsics):
+def ray_product(a: np.ndarray, R: np.ndarray, intrinsics: Intrinsics) -> Tuple[float, float, float]:
     """Coefficients (x, y, 1) of the product of a world vector and a pixel's viewing ray R K^-1 p."""
     fx, fy, cx, cy = intrinsics
     ax = (R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2]) / fx
@@ -119,7 +132,9 @@ def ray_product(a, R, intrinsics):
 
 
 @kernel
-def _project(vertices, R, C, intrinsics, height, corners):
+def _project(
+    vertices: np.ndarray, R: np.ndarray, C: np.ndarray, intrinsics: Intrinsics, height: int, corners: np.ndarray
+) -> Tuple[int, int]:
     """Homogeneous pixels of the vertices into `corners`; returns the range of rows they cover."""
     fx, fy, cx, cy = intrinsics
     low, high, behind = 1e9, -1e9, False
@@ -139,7 +154,7 @@ def _project(vertices, R, C, intrinsics, height, corners):
 
 
 @kernel
-def _side_lines(corners, count, sides):
+def _side_lines(corners: np.ndarray, count: int, sides: np.ndarray) -> None:
     """Lines e.(x, y, 1) >= 0 inside: e = q_i+1 x q_i of homogeneous pixels, also for vertices behind the camera."""
     for i in range(count):
         a, b = corners[i], corners[(i + 1) % count]
@@ -149,7 +164,7 @@ def _side_lines(corners, count, sides):
 
 
 @kernel
-def _span(sides, count, y, width):
+def _span(sides: np.ndarray, count: int, y: int, width: int) -> Tuple[int, int]:
     """Pixels [start, end) of row y whose centres lie inside; neighbours with a common side leave no gap."""
     low, high = 0.0, float(width)
     for i in range(count):
@@ -166,7 +181,7 @@ def _span(sides, count, y, width):
 
 
 @kernel_noalias
-def _fill(inverse_depth, surface, w, wx, start, p):
+def _fill(inverse_depth: np.ndarray, surface: np.ndarray, w: np.float32, wx: np.float32, start: int, p: int) -> None:
     for i in range(surface.size):
         here = w + wx * f32(start + i)
         nearer = here > inverse_depth[i]

@@ -1,5 +1,6 @@
 """A simulated drive as a recording: it can be played like any recording, without a bag."""
 
+from functools import partial
 from pathlib import Path
 from typing import Iterator, Optional
 
@@ -9,7 +10,7 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.simulation.config import SimulationConfig
-from ceiling_dso_ros.simulation.simulation import Simulation, stamp_ns
+from ceiling_dso_ros.simulation.simulation import CameraFrame, Simulation, stamp_ns
 
 
 class SimulatedRecording(Recording):
@@ -38,9 +39,8 @@ class SimulatedRecording(Recording):
     def images(self) -> Iterator[ListedImage]:
         """See Recording."""
         for frame in self.simulation.frames():
-            yield ListedImage(
-                frame.stamp_ns, frame.exposure_ms, f"image at {frame.time_s:.3f} s", lambda f=frame: f.image
-            )
+            name = f"image at {frame.time_s:.3f} s"
+            yield ListedImage(frame.stamp_ns, frame.exposure_ms, name, partial(_upward_image, frame))
 
     @property
     def wheels(self) -> WheelSamples:
@@ -72,3 +72,7 @@ class SimulatedRecording(Recording):
         times = self.simulation.encoders.time_s
         stamps_ns = [stamp_ns(time_s) for time_s in times]
         return Trajectory.from_matrices(stamps_ns, self.simulation.robot.T_world_base(times))
+
+
+def _upward_image(frame: CameraFrame) -> np.ndarray:
+    return frame.image

@@ -57,7 +57,8 @@ class Renderer:
             np.empty((len(SAMPLES), *shape), dtype=np.int32),
             radiance,
         )
-        return cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX) / np.float32(TEXEL_LEVELS)
+        blurred: np.ndarray = cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX)
+        return blurred / np.float32(TEXEL_LEVELS)
 
     def inverse_depth(self, T_world_camera: np.ndarray) -> np.ndarray:
         """1/z at every pixel centre, (height, width) float32 in 1/m along the optical axis, of a pose (4, 4)."""

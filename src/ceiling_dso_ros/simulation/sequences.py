@@ -1,6 +1,6 @@
 """The sequences that can be simulated, by name: paths in a hall of 21 x 15 m or larger."""
 
-from typing import Callable, Dict, List, NamedTuple
+from typing import Callable, Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def _square(laps: int) -> List[Leg]:
 def _loops(laps: int) -> List[Leg]:
     """The paper's second: five small closed loops on a round through the hall."""
 
-    def point(t: np.ndarray) -> tuple:
+    def point(t: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         return 4.6 * np.sin(t) + 1.55 * np.sin(6 * t), -2.4 * np.cos(t) - 1.35 * np.cos(6 * t)
 
     return [closed_curve(point, laps)]
@@ -45,12 +45,14 @@ def _straight(laps: int) -> List[Leg]:
 
 def _spin(laps: int) -> List[Leg]:
     """Turns on the spot, both ways, with a short drive between."""
-    return [Turn(2 * np.pi), Wait(1.0), straight(1.5), Turn(-2 * np.pi), Wait(1.0), straight(1.5, backward=True)] * laps
+    there: List[Leg] = [Turn(2 * np.pi), Wait(1.0), straight(1.5)]
+    back: List[Leg] = [Turn(-2 * np.pi), Wait(1.0), straight(1.5, backward=True)]
+    return [*there, *back] * laps
 
 
 def _stop_and_go(laps: int) -> List[Leg]:
     """Short drives with halts, a quarter turn after every second one; closes after four corners."""
-    corner = [straight(1.6), Wait(1.5), straight(1.6), Wait(0.7), Turn(np.pi / 2), Wait(0.4)]
+    corner: List[Leg] = [straight(1.6), Wait(1.5), straight(1.6), Wait(0.7), Turn(np.pi / 2), Wait(0.4)]
     return corner * (4 * laps)
 
 

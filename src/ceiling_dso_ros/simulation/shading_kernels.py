@@ -3,12 +3,19 @@
 The inverse depth w of a polygon is affine in the pixel, so its texture coordinates are (affine) / w: one division.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
-from ceiling_dso_ros.simulation.raster_kernels import NOTHING, inverse_depth_plane, rasterise, ray_product
+from ceiling_dso_ros.simulation.raster_kernels import (
+    NOTHING,
+    Intrinsics,
+    Mesh,
+    inverse_depth_plane,
+    rasterise,
+    ray_product,
+)
 
 f32 = np.float32
 
@@ -32,7 +39,16 @@ class Textures(NamedTuple):
 
 
 @kernel
-def expose(scene, polygons, R, C, intrinsics, inverse_depth, surface, radiance):
+def expose(
+    scene: Tuple[Mesh, Textures],
+    polygons: np.ndarray,
+    R: np.ndarray,
+    C: np.ndarray,
+    intrinsics: np.ndarray,
+    inverse_depth: np.ndarray,
+    surface: np.ndarray,
+    radiance: np.ndarray,
+) -> None:
     """Image integrated over the area of each pixel and the exposure time.
 
     The visible polygon is found for K samples. A pixel with the same polygon in all of them is shaded with the L
@@ -66,13 +82,15 @@ def expose(scene, polygons, R, C, intrinsics, inverse_depth, surface, radiance):
 
 
 @kernel_noalias
-def _compare(one, other, same):
+def _compare(one: np.ndarray, other: np.ndarray, same: np.ndarray) -> None:
     for x in range(same.size):
         same[x] &= one[x] == other[x]
 
 
 @kernel
-def _shade_row(textures, views, surface, y, same, radiance):
+def _shade_row(
+    textures: Textures, views: np.ndarray, surface: np.ndarray, y: int, same: np.ndarray, radiance: np.ndarray
+) -> None:
     radiance[:] = f32(0)
     samples, width = surface.shape
     start = 0
@@ -92,7 +110,7 @@ def _shade_row(textures, views, surface, y, same, radiance):
 
 
 @kernel
-def _mean_of_samples(textures, views, surface, y, x):
+def _mean_of_samples(textures: Textures, views: np.ndarray, surface: np.ndarray, y: int, x: int) -> np.float32:
     """One pixel at the edge of a polygon."""
     total = f32(0)
     for k in range(surface.size):
@@ -103,13 +121,15 @@ def _mean_of_samples(textures, views, surface, y, x):
 
 
 @kernel
-def _texture(textures, p):
+def _texture(textures: Textures, p: int) -> np.ndarray:
     first = textures.starts[p]
     return textures.texels[first : first + textures.shapes[p, 0] * textures.shapes[p, 1]]
 
 
 @kernel
-def _texture_view(mesh, textures, p, R, C, intrinsics, view):
+def _texture_view(
+    mesh: Mesh, textures: Textures, p: int, R: np.ndarray, C: np.ndarray, intrinsics: Intrinsics, view: np.ndarray
+) -> None:
     """Texture coordinates of a pixel: u = u_C + (u_x x + u_y y + u_1) / w with the inverse depth w, likewise v.
 
     view holds w_x w_y w_1, u_x u_y u_1, v_x v_y v_1, u_C v_C.
@@ -125,14 +145,14 @@ def _texture_view(mesh, textures, p, R, C, intrinsics, view):
 
 
 @kernel_noalias
-def _sample(texels, shape, view, y, start, radiance):
+def _sample(texels: np.ndarray, shape: np.ndarray, view: np.ndarray, y: int, start: int, radiance: np.ndarray) -> None:
     """Add the texture along a piece of an image row."""
     for i in range(radiance.size):
         radiance[i] += _texel(texels, shape, view, y, start + i)
 
 
 @kernel
-def _texel(texels, shape, view, y, x):
+def _texel(texels: np.ndarray, shape: np.ndarray, view: np.ndarray, y: int, x: int) -> np.float32:
     """Bilinear texture at one pixel."""
     row, column = f32(y), f32(x)
     depth = f32(1) / (view[0] * column + view[1] * row + view[2])

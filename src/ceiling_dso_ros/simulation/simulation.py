@@ -5,7 +5,7 @@ from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Deque, Dict, Iterator, NamedTuple, Union
+from typing import Any, Deque, Dict, Iterator, List, NamedTuple, Union
 
 import numpy as np
 
@@ -215,7 +215,7 @@ class Simulation:
 
     def inverse_depth(self, time_s: float) -> np.ndarray:
         """True 1/z of the upward camera at time_s, (H, W) float32 in 1/m of its pinhole image."""
-        return self._renderer.inverse_depth(self.robot.T_world_camera(time_s)[0])
+        return self._renderer.inverse_depth(self.robot.T_world_camera(np.array([time_s]))[0])
 
     def wheel_readings(self) -> Iterator[WheelReading]:
         """All readings of the encoders."""
@@ -242,8 +242,8 @@ class Simulation:
 
     def measurements(self) -> Iterator[Measurement]:
         """All measurements, ordered by stamp."""
-        streams = (self.wheel_readings(), self.scans(), self.imu_readings(), self.frames())
-        return heapq.merge(*streams, key=lambda measurement: measurement.stamp_ns)
+        streams: List[Iterator[Measurement]] = [self.wheel_readings(), self.scans(), self.imu_readings(), self.frames()]
+        return iter(heapq.merge(*streams, key=lambda measurement: measurement.stamp_ns))
 
     def truth(self) -> Dict[str, Any]:
         """All true values and all random choices, for a yaml file."""
@@ -276,7 +276,10 @@ def stamp_ns(time_s: float) -> int:
 
 
 def simulate(
-    sequence: str = "loops", ceiling: str = "factory", seed: int = 0, **settings: object
+    sequence: str = "loops",
+    ceiling: str = "factory",
+    seed: int = 0,
+    **settings: Any,  # noqa: ANN401 each attribute has its own type
 ) -> Iterator[Measurement]:
     """Measurements of a simulated drive, ordered by time; nothing is written to disk.
 

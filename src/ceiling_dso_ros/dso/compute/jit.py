@@ -73,7 +73,7 @@ def _compile(function: Function, options: Dict[str, Any]) -> Function:
     return cast(Function, compiled)
 
 
-def _cached_where_possible(function: Callable[..., Any], options: Dict[str, Any]) -> Any:
+def _cached_where_possible(function: Function, options: Dict[str, Any]) -> Any:  # noqa: ANN401 numba has no types
     try:
         return numba.njit(**options)(function)
     except RuntimeError as error:  # numba finds no folder that it can write
