@@ -43,6 +43,7 @@ def test_bad_frames_are_replaced_and_the_rest_goes_on():
         (4_000_000_000, GOOD),
         (4_000_000_000, GOOD),
         (3_500_000_000, GOOD),
+        (None, GOOD),
         (5_000_000_000, GOOD),
     )
     frames = list(recording.frames())
@@ -53,6 +54,7 @@ def test_bad_frames_are_replaced_and_the_rest_goes_on():
         "image 3: the image is 48x40, but the calibration is for 96x80; frame skipped",
         "image 5: the stamp 4.000000000 repeats that of the last frame; frame skipped",
         "image 6: the stamp 3.500000000 lies before that of the last frame; frame skipped",
+        "image 7: it has no time stamp; frame skipped",
     ]
 
 

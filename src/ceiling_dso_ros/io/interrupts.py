@@ -20,20 +20,18 @@ def deferred_interrupt() -> Iterator[None]:
         yield
         return
     received: List[Tuple[int, Optional[FrameType]]] = []
-    handlers = {
-        number: signal.signal(number, lambda number, frame: received.append((number, frame))) for number in INTERRUPTS
-    }
+    handlers = {number: signal.signal(number, lambda *arguments: received.append(arguments)) for number in INTERRUPTS}
     try:
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for number, frame in received[:1]:
-            handler = handlers[number]
+        for arguments in received[:1]:
+            handler = handlers[signal.Signals(arguments[0])]
             if callable(handler):
-                handler(number, frame)
+                handler(*arguments)
             elif handler == signal.SIG_DFL:
-                signal.raise_signal(number)
+                signal.raise_signal(arguments[0])
 
 
 def was_interrupt(error: Optional[BaseException]) -> bool:

@@ -9,15 +9,14 @@ import numpy as np
 from ceiling_dso_ros.io.replacing import replace_file
 
 GREY_CHANNELS = ("red", "green", "blue")
-VERTEX = np.dtype(
-    [
-        *((axis, "<f4") for axis in "xyz"),
-        *((channel, "u1") for channel in GREY_CHANNELS),
-        ("segment", "<i4"),
-        ("keyframe_id", "<i4"),
-    ]
-)
-PLY_TYPES = {"f": "float", "u": "uchar", "i": "int"}  # by the kind of VERTEX's types
+PROPERTIES = {
+    **dict.fromkeys("xyz", "<f4"),
+    **dict.fromkeys(GREY_CHANNELS, "u1"),
+    "segment": "<i4",
+    "keyframe_id": "<i4",
+}
+PLY_TYPES = {"<f4": "float", "u1": "uchar", "<i4": "int"}  # by numpy's name
+VERTEX = np.dtype(list(PROPERTIES.items()))
 COMMENT = "VO world; every segment has its own unit of length"
 
 
@@ -42,7 +41,7 @@ class PointCloud:
 
 
 def write_ply(path: Union[str, Path], cloud: PointCloud) -> None:
-    """Write a PLY file of vertices with the properties of VERTEX; an older one is replaced when this is complete.
+    """Write a PLY file of vertices with PROPERTIES; an older one is replaced when this is complete.
 
     Raises:
         OutputError: the file cannot be written.
@@ -57,6 +56,6 @@ def write_ply(path: Union[str, Path], cloud: PointCloud) -> None:
 
 
 def _header(count: int) -> str:
-    properties = [f"property {PLY_TYPES[VERTEX[name].kind]} {name}" for name in VERTEX.names]
+    properties = [f"property {PLY_TYPES[kind]} {name}" for name, kind in PROPERTIES.items()]
     lines = ["ply", "format binary_little_endian 1.0", f"comment {COMMENT}", f"element vertex {count}", *properties]
     return "\n".join([*lines, "end_header", ""])

@@ -205,17 +205,18 @@ class Recording(ABC):
         last_ns = -1
         limit = FrameRateLimit(frame_rate)
         for listed in self.images():
-            if listed.stamp_ns is not None and not limit.passes(listed.stamp_ns):
+            stamp_ns = listed.stamp_ns
+            if stamp_ns is not None and not limit.passes(stamp_ns):
                 continue
             try:
                 image = self._read(listed, last_ns)
-                if listed.stamp_ns is None or stamp_s is None:
+                if stamp_ns is None:
                     raise FrameError("it has no time stamp")
             except FrameError as error:
-                yield SkippedFrame(listed.stamp_ns, f"{listed.name}: {error}; frame skipped")
+                yield SkippedFrame(stamp_ns, f"{listed.name}: {error}; frame skipped")
                 continue
-            last_ns = listed.stamp_ns
-            yield Frame(listed.stamp_ns, listed.exposure_ms, image)
+            last_ns = stamp_ns
+            yield Frame(stamp_ns, listed.exposure_ms, image)
 
     def _read(self, listed: ListedImage, last_ns: int) -> np.ndarray:
         if listed.stamp_ns is not None and listed.stamp_ns <= last_ns:
