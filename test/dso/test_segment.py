@@ -8,9 +8,9 @@ import pytest
 from ceiling_dso_ros.dso import TrackingState
 from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.segment import Segment
-from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS
 
 MOTION = se3.exp(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.2]))
 

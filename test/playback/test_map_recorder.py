@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS, HostedPoints
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 

@@ -3,9 +3,9 @@
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 
 __all__ = [
     "CameraMotion",

@@ -7,6 +7,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.mapping.keyframe_policy import KeyframeTrigger
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
@@ -17,7 +18,6 @@ from ceiling_dso_ros.dso.tracking.frame_tracker import TrackedFrame
 from ceiling_dso_ros.dso.tracking.track_history import TrackHistory
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.tracking.uncertainty import map_error, world_covariance
-from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS, HostedPoints
 
 KEYFRAMES_OF_FIRST_MAP = 2
 

@@ -6,7 +6,7 @@ from typing import Mapping, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS, HostedPoints
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 
 
 class TrackingState(enum.Enum):

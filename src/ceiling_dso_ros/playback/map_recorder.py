@@ -5,7 +5,7 @@ from typing import Dict, List, Mapping
 import numpy as np
 
 from ceiling_dso_ros.dso import HostedPoints, KeyframeEstimate, OdometryStatus
-from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS
 from ceiling_dso_ros.io.ply import PointCloud
 
 

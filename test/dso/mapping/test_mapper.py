@@ -7,6 +7,7 @@ from synthetic import CAMERA, SHARP, Surface
 from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
@@ -16,7 +17,6 @@ from ceiling_dso_ros.dso.mapping.mapper import Mapper
 from ceiling_dso_ros.dso.status import TrackingLostError
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY
-from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 
 SURFACE = Surface(slope=(0.1, -0.1), relief=0.08, texture=SHARP)
 CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=3, min_keyframes=2, candidate_points=400, active_points=300))

@@ -5,9 +5,9 @@ from typing import NamedTuple, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
-from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
 
 

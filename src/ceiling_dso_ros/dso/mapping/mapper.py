@@ -10,6 +10,7 @@ from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import intrinsic_inverse, intrinsic_matrix, pixel_warp
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
@@ -21,7 +22,6 @@ from ceiling_dso_ros.dso.mapping.tracing_kernels import trace_host
 from ceiling_dso_ros.dso.status import TrackingLostError
 from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceBuilder, TrackingReference
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
-from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.window.keyframe_window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
 
 MIN_POINTS_FOR_RANGE = 50  # with fewer, the depth of the scene is not known

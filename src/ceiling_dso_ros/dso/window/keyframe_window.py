@@ -9,10 +9,10 @@ from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
+from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
-from ceiling_dso_ros.dso.window.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.window.points import PointTable
 
 INTRINSICS = 4

@@ -3,7 +3,7 @@ import pytest
 
 from ceiling_dso_ros.dso import HostedPoints
 from ceiling_dso_ros.dso.geometry import se3
-from ceiling_dso_ros.dso.window.hosted_points import NO_HOSTED_POINTS
+from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS
 
 POINTS = HostedPoints(
     np.array([7, 3, 7]), np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 2.0], [0.0, 0.2, 4.0]]), np.array([1, 2, 3], np.float32)
