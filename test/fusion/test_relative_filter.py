@@ -17,7 +17,7 @@ def wheel_steps(count, rate=(0.8, 0.0, 0.3)):
 
 
 def started(events=()):
-    live = RelativeFilter(NOISE)
+    live = RelativeFilter(NOISE, 0, CONSTANTS)
     live.restart(0, np.zeros(2), CONSTANTS, list(events))
     return live
 

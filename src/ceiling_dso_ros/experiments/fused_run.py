@@ -3,6 +3,7 @@
 from typing import List, Sequence, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind, align
@@ -12,7 +13,7 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.state import ScaleState
 from ceiling_dso_ros.io.recording import Recording
 from ceiling_dso_ros.io.trajectory import Trajectory
-from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
+from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
 
@@ -33,7 +34,7 @@ class FusedRun:
         base_truth: Trajectory,
     ) -> None:
         self.recording = recording
-        self.playback = FusionPlayback(recording.wheels, robot_model(recording.robot))
+        self.playback = FusionPlayback.of(recording)
         self._camera_truth, self._base_truth = camera_truth, base_truth
         camera = TrajectoryRecorder()
         self._scales: List[Tuple[int, ScaleState]] = []
@@ -86,7 +87,7 @@ class FusedRun:
         index = np.searchsorted(self._way_m, min(max(way_m, 0.0), self.path_m))
         return int(self._base_truth.stamps_ns[index])
 
-    def true_poses(self, stamps_ns: Sequence[int]) -> np.ndarray:
+    def true_poses(self, stamps_ns: ArrayLike) -> np.ndarray:
         """(n, 3) of the base, seen from where it was at the first wheel sample."""
         origin = _in_plane(self._base_truth, self._base_truth.stamps_ns[:1])[0]
         return np.array([planar.between(origin, pose) for pose in _in_plane(self._base_truth, stamps_ns)])
@@ -119,7 +120,7 @@ class FusedRun:
         return float(np.hypot(*(last - true_last)[:2]))
 
 
-def _in_plane(trajectory: Trajectory, stamps_ns: Sequence[int]) -> np.ndarray:
+def _in_plane(trajectory: Trajectory, stamps_ns: ArrayLike) -> np.ndarray:
     """(n, 3) x, y, yaw at n stamps."""
     T = interpolate_poses(trajectory.stamps_ns, trajectory.matrices(), np.asarray(stamps_ns, np.int64))
     return np.column_stack([T[:, :2, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])

@@ -6,7 +6,7 @@ import pickle
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Tuple
+from typing import List, Tuple
 
 from tqdm import tqdm
 
@@ -14,7 +14,7 @@ from ceiling_dso_ros import dso, simulation
 from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus
 from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.io.recording import Frame, Recording
-from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
+from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
@@ -43,9 +43,9 @@ class OdometryRun:
     def track(self, recording: Recording, name: str) -> Statuses:
         """Track the images; the status of each."""
         visual = VisualRun.of(recording, self.config)
-        fusion = FusionPlayback(recording.wheels, robot_model(recording.robot)) if self.predict else None
+        fusion = FusionPlayback.of(recording) if self.predict else None
         frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
-        statuses = []
+        statuses: List[OdometryStatus] = []
         usable = (frame for frame in frames if isinstance(frame, Frame))
         for frame in itertools.islice(usable, self.first, None, self.every):
             prediction = fusion.predicted_motion(statuses[-1], frame.stamp_ns) if fusion and statuses else None
@@ -73,6 +73,7 @@ class Kept:
         if self.fresh or not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             path.write_bytes(pickle.dumps((version, run.track(recording, name))))
+        statuses: Statuses
         tracked_by, statuses = pickle.loads(path.read_bytes())
         if tracked_by != version:
             print(f"{path}: made by another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
@@ -100,5 +101,7 @@ def is_missing(folder: Path) -> bool:
 
 def _version() -> str:
     """Digest of everything that the odometry's results depend on."""
-    sources = (path for package in (dso, simulation) for path in Path(package.__file__).parent.rglob("*.py"))
+    sources = (
+        path for package in (dso, simulation) for folder in package.__path__ for path in Path(folder).rglob("*.py")
+    )
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -1,7 +1,7 @@
 """Results of the odometry for a recording, compared with the ground truth."""
 
 from collections import defaultdict
-from typing import Dict, List, Sequence, Tuple
+from typing import Collection, Dict, List, Sequence, Tuple
 
 import numpy as np
 
@@ -120,7 +120,9 @@ class TrackedRun:
         index = {status.stamp_ns: i for i, status in enumerate(self.statuses)}
         stamps_ns = {k.keyframe_id: k.stamp_ns for status in self.statuses for k in status.keyframes}
         for i, status in enumerate(self.statuses):
-            if status.covariance is None or status.is_keyframe or status.segment not in self._final:
+            if status.is_keyframe or status.segment not in self._final:
+                continue
+            if status.covariance is None or status.T_world_camera is None or status.T_keyframe_camera is None:
                 continue
             T_true = se3.inverse(self._T_true[index[stamps_ns[status.keyframe_id]]]) @ self._T_true[i]
             T_true[:3, 3] /= self._final[status.segment].alignment.scale
@@ -163,6 +165,6 @@ class TrackedRun:
         )
 
 
-def _ate_m(evaluations: Sequence[TrajectoryEvaluation]) -> float:
+def _ate_m(evaluations: Collection[TrajectoryEvaluation]) -> float:
     errors_m = [evaluation.position_errors_m for evaluation in evaluations]
     return float(np.sqrt(np.mean(np.concatenate(errors_m) ** 2))) if errors_m else np.inf

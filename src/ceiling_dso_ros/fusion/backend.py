@@ -60,6 +60,11 @@ class KeyframeBackend:
         sigma = math.hypot(self.estimate.scale_sigma, self._config.wheels.radius_sigma)
         return ScaleState(math.exp(self.estimate.log_scale), sigma, self.scale_known, self.segment)
 
+    @property
+    def log_scale_sigma(self) -> float:
+        """Of the newest segment's scale by the graph alone, inf before the first keyframe."""
+        return math.inf if self.estimate is None else self.estimate.scale_sigma
+
     def refine(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
         """Take in the window of the visual odometry, if it changed; returns the keyframes that are new in it."""
         if not keyframes:
@@ -71,7 +76,7 @@ class KeyframeBackend:
                 self._graph.revise(refined.node, visual=visual)
         return new
 
-    def add(self, keyframe: KeyframeEstimate, stamp_ns: int, track: WheelTrack) -> bool:
+    def add(self, keyframe: KeyframeEstimate, stamp_ns: int, track: WheelTrack) -> Optional[GraphEstimate]:
         """Make a new keyframe a node.
 
         Args:
@@ -80,11 +85,12 @@ class KeyframeBackend:
             track: the wheels, which have been heard of after that.
 
         Returns:
-            False when the wheels' motion up to it is not known any more, so that it cannot become a node.
+            The node, the newest keyframe as the graph sees it; None when the wheels' motion up to it is not known any
+            more, so that it cannot become one.
         """
         wheels = track.since_mark(stamp_ns)
         if wheels is None:
-            return False
+            return None
         visual = self._motion_to(keyframe)
         interval = self._judged(
             Interval(self._graph.newest + 1, stamp_ns, wheels, visual, self._chain.continues(keyframe))
@@ -93,8 +99,8 @@ class KeyframeBackend:
         self._chain.link(interval.end, keyframe)
         self._mend_jump(interval)
         self.estimate = self._estimate()
-        self._judge_scale()
-        return True
+        self._judge_scale(self.estimate.scale_sigma)
+        return self.estimate
 
     def begin(self, status: OdometryStatus, stamp_ns: int, track: WheelTrack) -> None:
         """Make a tracked image the first node, where its keyframe is older than the wheels' first sample.
@@ -139,7 +145,13 @@ class KeyframeBackend:
         return self.monitor.beyond_gate(found, self.scale_known)
 
     def smoothed(self, origin: np.ndarray) -> List[SmoothedNode]:
-        """All keyframes by the graph of the whole recording, moved by (3,) origin."""
+        """All keyframes by the graph of the whole recording, moved by (3,) origin.
+
+        Raises:
+            RuntimeError: the history was not kept.
+        """
+        if self._graph.history is None:
+            raise RuntimeError("the fusion was not told to keep the history")
         nodes = smooth([*self._graph.history, *self._graph.intervals], self._config, self._noise)
         return [replace(node, pose=planar.compose(origin, node.pose)) for node in nodes]
 
@@ -155,7 +167,7 @@ class KeyframeBackend:
             return None
         visual, config = VisualMotion.from_camera(T, self._T_base_camera), self._config.visual
         possible = visual.on_floor(config)
-        if possible and self.scale_known:
+        if possible and self.scale_known and self.estimate is not None:
             possible = visual.on_wheels(math.exp(self.estimate.log_scale), config)
         return visual if possible else None
 
@@ -192,8 +204,8 @@ class KeyframeBackend:
             return estimate
         return replace(estimate, constants=self._bias.constants, constants_covariance=self._bias.covariance)
 
-    def _judge_scale(self) -> None:
+    def _judge_scale(self, sigma: float) -> None:
         """Known below one sigma, unknown above another, as before in between."""
-        config, sigma = self._config.scale, self.estimate.scale_sigma
+        config = self._config.scale
         self.scale_known = sigma < config.converged_sigma or (self.scale_known and sigma < config.lost_sigma)
         self.scale_was_known |= self.scale_known

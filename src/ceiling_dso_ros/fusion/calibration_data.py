@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Dict, Iterable, List, Sequence
+from typing import Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
@@ -91,7 +91,8 @@ def image_pairs(poses: Sequence[CameraPose], wheels: WheelPath) -> List[ImagePai
     """Consecutive images PAIR_S apart, within the wheels' record, between which the robot moved."""
     margin_ns = nanoseconds(LARGEST_OFFSET_S)
     first_ns, last_ns = wheels.stamps_ns[0] + margin_ns, wheels.stamps_ns[-1] - margin_ns
-    pairs, before = [], None
+    pairs: List[ImagePair] = []
+    before: Optional[CameraPose] = None
     for pose in poses:
         if not first_ns <= pose.stamp_ns <= last_ns:
             continue

@@ -36,8 +36,8 @@ def first_guess(wheels: WheelPath, pairs: Sequence[ImagePair], robot: RobotModel
 def _upright(axis: np.ndarray) -> np.ndarray:
     """(3, 3) smallest rotation that turns an axis into the z axis."""
     sideways = np.array([axis[1], -axis[0], 0.0])
-    angle = math.atan2(np.linalg.norm(sideways), axis[2])
-    return Rotation.from_rotvec(angle * sideways / max(np.linalg.norm(sideways), 1e-12)).as_matrix()
+    length = float(np.linalg.norm(sideways))
+    return Rotation.from_rotvec(math.atan2(length, axis[2]) * sideways / max(length, 1e-12)).as_matrix()
 
 
 def _first_translation(

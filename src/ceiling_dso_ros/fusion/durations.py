@@ -1,11 +1,17 @@
 """Durations: stamps are integer nanoseconds, and only their differences become seconds."""
 
+from typing import TypeVar
+
+import numpy as np
+
+Duration = TypeVar("Duration", float, np.ndarray)
+
 NANOSECONDS = 10**9
 LONG_AGO_NS = -(2**62)  # 146 years before 1970: earlier than any stamp
 
 
-def seconds(duration_ns: int) -> float:
-    """A difference of two stamps in seconds; the float nearest to it."""
+def seconds(duration_ns: Duration) -> Duration:
+    """A difference of two stamps in seconds, or an array of them; the float nearest to each."""
     return duration_ns / NANOSECONDS
 
 

@@ -136,7 +136,8 @@ class FusionEstimator:
 
     def finish(self) -> None:
         """The recording is over: use what waits for a wheel sample after it, as a keyframe of the last image does."""
-        self._use_waiting()
+        if self._output is not None:
+            self._use_waiting(self._output)
 
     def smoothed(self) -> List[SmoothedNode]:
         """All keyframes so far as the graph of the whole recording sees them, in odom; needs keep_history."""
@@ -156,7 +157,7 @@ class FusionEstimator:
             self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_ns)
         self._track.add(step)
         step = self._output.predict(step, slipping=step.end_ns < self._slipping_until_ns)
-        self._use_waiting()
+        self._use_waiting(self._output)
         pose, twist, twist_covariance = self._output.publish(step)
         state, reasons = self._health.judge(step.end_ns, self._backend)
         return FusedState(
@@ -170,14 +171,14 @@ class FusionEstimator:
             self.scale,
         )
 
-    def _use_waiting(self) -> None:
+    def _use_waiting(self, output: LiveOutput) -> None:
         """Use what came from the camera for times that the wheels have reached by now."""
-        while self._waiting and not self._track.empty and self._waiting[0][0] <= self._track.end_ns:
+        while self._waiting and self._waiting[0][0] <= self._track.end_ns:
             stamp_ns, _, item = self._waiting.pop(0)
             if isinstance(item, KeyframeEstimate):
-                self._use_keyframe(item, stamp_ns)
+                self._use_keyframe(output, item, stamp_ns)
             else:
-                self._use_frame(item, stamp_ns)
+                self._use_frame(output, item, stamp_ns)
 
     def _on_wheel_clock(self, stamp_ns: int) -> int:
         return stamp_ns + self._camera_offset_ns
@@ -191,36 +192,38 @@ class FusionEstimator:
     def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
         """While the wheels are silent, go on without them from image to image."""
         now_ns = self._on_wheel_clock(status.stamp_ns)
-        if self._track.empty or not self._health.wheels_silent(now_ns) or now_ns <= self._track.end_ns:
+        if self._output is None or not self._health.wheels_silent(now_ns) or now_ns <= self._track.end_ns:
             return None
         guess = np.zeros(3)
         if status.state is TrackingState.TRACKING and self._backend.scale_known:  # which will correct it
             guess[::2] = seconds(now_ns - self._track.end_ns) * self._output.twist
         return self._advance(WheelStep(self._track.end_ns, now_ns, guess, known=False))
 
-    def _use_keyframe(self, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
-        if not self._backend.add(keyframe, stamp_ns, self._track) or not self._backend.scale_was_known:
+    def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
+        estimate = self._backend.add(keyframe, stamp_ns, self._track)
+        if estimate is None or not self._backend.scale_was_known:
             return
-        estimate = self._backend.estimate
         sightings = [
             self._sighting(status) for status in self._frames if self._on_wheel_clock(status.stamp_ns) > stamp_ns
         ]
         steps = self._track.steps(estimate.stamp_ns, self._track.end_ns)
-        self._output.restart(estimate, [*steps, *(sighting for sighting in sightings if sighting is not None)])
+        output.restart(estimate, [*steps, *(sighting for sighting in sightings if sighting is not None)])
 
-    def _use_frame(self, status: OdometryStatus, stamp_ns: int) -> None:
+    def _use_frame(self, output: LiveOutput, status: OdometryStatus, stamp_ns: int) -> None:
         if self._backend.estimate is None:
             self._backend.begin(status, stamp_ns, self._track)
-        self._compare_frames(status)
+        self._compare_frames(output, status)
         self._frames.append(status)
         sighting = self._sighting(status)
         if sighting is not None:
-            self._output.correct(sighting)
+            output.correct(sighting)
 
-    def _compare_frames(self, status: OdometryStatus) -> None:
+    def _compare_frames(self, output: LiveOutput, status: OdometryStatus) -> None:
         """See from one image to the next whether the wheels slip: sooner than the keyframes do."""
-        before = self._frames[-1] if self._frames else None
-        visual = self._backend.motion_between(before, status) if before and self._backend.scale_known else None
+        if not self._frames or not self._backend.scale_known:
+            return
+        before = self._frames[-1]
+        visual = self._backend.motion_between(before, status)
         if visual is None:
             return
         start_ns, end_ns = self._on_wheel_clock(before.stamp_ns), self._on_wheel_clock(status.stamp_ns)
@@ -231,14 +234,14 @@ class FusionEstimator:
             self._slipping_until_ns = end_ns + SLIP_PERSISTS_NS
         rate = visual.base_motion(self.scale.value)[::2] / gap_s
         sigmas = np.diag(self._sight_covariance(visual))[::2] * 2.0 / gap_s**2
-        self._output.correct_twist(end_ns, rate, np.diag(sigmas))
+        output.correct_twist(end_ns, rate, np.diag(sigmas))
 
     def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
         """(3, 3) covariance of where the camera sees the base, metres and rad."""
         scale = self.scale.value
         sigma_m = scale * self.config.visual.translation_sigma
         covariance = np.diag([sigma_m, sigma_m, self.config.visual.yaw_sigma_rad]) ** 2
-        from_scale = self._backend.estimate.scale_sigma * scale * (planar.rotation(-visual.yaw) @ visual.shift)
+        from_scale = self._backend.log_scale_sigma * scale * (planar.rotation(-visual.yaw) @ visual.shift)
         covariance[:2, :2] += np.outer(from_scale, from_scale)
         return covariance
 

@@ -7,7 +7,7 @@ oldest that remain. `smooth` solves the graph of a whole recording at once, buil
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Deque, Dict, List, Optional, Sequence
+from typing import Any, Deque, Dict, List, Optional, Sequence
 
 import gtsam
 import numpy as np
@@ -212,7 +212,7 @@ class WindowGraph:
         if len(self._intervals) > self._window:
             self._marginalise_oldest()
 
-    def revise(self, end: int, **changes: object) -> None:
+    def revise(self, end: int, **changes: Any) -> None:  # noqa: ANN401 each attribute has its own type
         """Change what is known of an interval; without effect on one that has left the window."""
         oldest = self._intervals[0].end if self._intervals else end + 1
         if end < oldest:

@@ -92,9 +92,9 @@ class KeyframeChain:
         T = np.eye(4) if T_keyframe_node is None else T_keyframe_node
         self._links.append(NodeLink(node, keyframe.keyframe_id, keyframe.segment, T))
 
-    def from_newest(self, keyframe_id: int, T_keyframe_camera: np.ndarray) -> Optional[np.ndarray]:
-        """T_newest_camera (4, 4) of a camera known relative to any keyframe of the newest node's segment."""
-        if not self._links or keyframe_id not in self._poses:
+    def from_newest(self, keyframe_id: int, T_keyframe_camera: Optional[np.ndarray]) -> Optional[np.ndarray]:
+        """T_newest_camera (4, 4) of a camera known relative to any keyframe of the newest node's segment; else None."""
+        if T_keyframe_camera is None or not self._links or keyframe_id not in self._poses:
             return None
         newest = self._links[-1]
         if self._poses[keyframe_id].segment != newest.segment:

@@ -124,9 +124,7 @@ class LiveOutput:
     def __init__(self, config: OutputConfig, noise: WheelNoise, stamp_ns: int) -> None:
         self._noise = noise
         self._keyframe = Estimate(np.zeros(3), np.zeros((3, 3)))
-        self._relative = RelativeFilter(noise)
-        constants = noise.constants_covariance(with_radius=False)[1:, 1:]
-        self._relative.restart(stamp_ns, np.zeros(2), constants, [])
+        self._relative = RelativeFilter(noise, stamp_ns, noise.constants_covariance(with_radius=False)[1:, 1:])
         self._blended = BlendedPose(config, np.zeros(3))
         self._twist = TwistFilter(config, noise)
 

@@ -2,7 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Optional, Sequence, Union
+from typing import Deque, List, Sequence, Union
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -49,23 +49,31 @@ class RelativeState:
 @dataclass
 class _Entry:
     event: Union[WheelStep, Sighting]
-    after: Optional[RelativeState]
+    after: RelativeState
 
 
 class RelativeFilter:
     """An error-state filter that takes late images at their own time and replays the wheels after them.
 
     The constants of the wheels are states, since within a second of blindness they weigh more than the white noise.
+
+    Args:
+        noise: of the wheels.
+        stamp_ns: where it begins, before the first keyframe.
+        constants_covariance: (2, 2) of the wheels' constants by then.
+        history_s: how late an image may come.
     """
 
-    def __init__(self, noise: WheelNoise, history_s: float = 1.0) -> None:
+    def __init__(
+        self, noise: WheelNoise, stamp_ns: int, constants_covariance: np.ndarray, history_s: float = 1.0
+    ) -> None:
         self._noise = noise
         self._history_ns = nanoseconds(history_s)
         self._filter = KalmanFilter(dim_x=5, dim_z=3)
         self._filter.H = np.eye(3, 5)
         self._filter.inv = planar.inverse_3x3
         self._entries: Deque[_Entry] = deque()
-        self._root: Optional[RelativeState] = None
+        self.restart(stamp_ns, np.zeros(2), constants_covariance, [])
 
     @property
     def state(self) -> RelativeState:
@@ -110,11 +118,12 @@ class RelativeFilter:
         """Take in an image; False when it is older than what is remembered, or newer than the wheels."""
         if not self._root.stamp_ns <= sighting.stamp_ns <= self.state.stamp_ns:
             return False
-        later = []
+        later: List[Union[WheelStep, Sighting]] = []
         while self._entries and self._entries[-1].after.stamp_ns > sighting.stamp_ns:
             later.append(self._entries.pop().event)
-        if later and isinstance(later[-1], WheelStep):
-            step = later.pop()
+        step = later[-1] if later else None
+        if isinstance(step, WheelStep):
+            later.pop()
             before = step.clip(step.start_ns, sighting.stamp_ns)
             after = step.clip(sighting.stamp_ns, step.end_ns)
             later += [part for part in (after,) if part is not None]
@@ -122,9 +131,13 @@ class RelativeFilter:
                 self._entries.append(_Entry(before, self._predicted(self.state, before)))
         self._entries.append(_Entry(sighting, self._corrected(self.state, sighting)))
         for event in reversed(later):
-            advance = self._predicted if isinstance(event, WheelStep) else self._corrected
-            self._entries.append(_Entry(event, advance(self.state, event)))
+            self._entries.append(_Entry(event, self._after(event)))
         return True
+
+    def _after(self, event: Union[WheelStep, Sighting]) -> RelativeState:
+        if isinstance(event, WheelStep):
+            return self._predicted(self.state, event)
+        return self._corrected(self.state, event)
 
     def _predicted(self, state: RelativeState, step: WheelStep) -> RelativeState:
         by_constants = self._noise.sensitivity(step.twist)[:, 1:]

@@ -17,6 +17,9 @@ from ceiling_dso_ros.fusion.durations import seconds
 
 INT32_RANGE = 2**32
 
+# Two readings and the seconds between them -> the (3,) twist, None when no robot can have moved so.
+TwistOf = Callable[[np.ndarray, np.ndarray, float], Optional[np.ndarray]]
+
 
 @dataclass(frozen=True)
 class WheelStep:
@@ -142,7 +145,6 @@ class WheelOdometry:
     """Dead reckoning from encoder samples, or from an odometry that the robot has already.
 
     Attributes:
-        total: the motion since the first sample.
         message: what was wrong with the last sample, in words; empty when nothing was.
         dropped: how many samples were not used.
     """
@@ -158,7 +160,7 @@ class WheelOdometry:
 
     def reset(self) -> None:
         """Forget everything: the next sample is the origin."""
-        self.total: Optional[WheelMotion] = None
+        self._total: Optional[WheelMotion] = None
         self.message = ""
         self.dropped = 0
         self._last: Optional[Tuple[int, np.ndarray]] = None
@@ -168,6 +170,17 @@ class WheelOdometry:
     def heard(self) -> bool:
         """Whether there was a first sample, from which motion is counted."""
         return self._last is not None
+
+    @property
+    def total(self) -> WheelMotion:
+        """The motion since the first sample.
+
+        Raises:
+            RuntimeError: there was none yet.
+        """
+        if self._total is None:
+            raise RuntimeError("the wheels have not been heard yet")
+        return self._total
 
     @property
     def covariance_odom(self) -> np.ndarray:
@@ -191,29 +204,29 @@ class WheelOdometry:
         """Take in the (3,) pose of an odometry as it is; returns as `add_ticks`."""
         return self._add(stamp_ns, np.asarray(pose, dtype=float), self._twist_of_poses)
 
-    def _add(self, stamp_ns: int, reading: np.ndarray, twist_of: Callable) -> Optional[WheelStep]:
+    def _add(self, stamp_ns: int, reading: np.ndarray, twist_of: TwistOf) -> Optional[WheelStep]:
         self.message = ""
         if not np.isfinite(reading).all():
-            return self._drop(f"wheels: sample with a value that is not finite at {_text(stamp_ns)} dropped")
+            self._drop(f"wheels: sample with a value that is not finite at {_text(stamp_ns)} dropped")
+            return None
         if self._last is None:
-            self._last, self.total = (stamp_ns, reading), WheelMotion.nothing(stamp_ns)
+            self._last, self._total = (stamp_ns, reading), WheelMotion.nothing(stamp_ns)
             return None
         last_ns, last_reading = self._last
         if stamp_ns <= last_ns:
-            return self._drop(
-                f"wheels: sample of {_text(stamp_ns)} dropped, it is not later than the last ({_text(last_ns)})"
-            )
+            self._drop(f"wheels: sample of {_text(stamp_ns)} dropped, it is not later than the last ({_text(last_ns)})")
+            return None
         self._last = (stamp_ns, reading)
         dt = seconds(stamp_ns - last_ns)
         twist = twist_of(last_reading, reading, dt)
         known = twist is not None
-        if known:
+        if twist is not None:
             self._rate = twist / dt
         else:  # the best guess is that the robot went on as before, for a short while
             twist = self._rate * min(dt, self._config.silence_s)
             self.message = f"wheels: impossible motion before {_text(stamp_ns)}, counters restarted?"
         step = WheelStep(last_ns, stamp_ns, twist, known)
-        self.total = self.noise.extend(self.total, step)
+        self._total = self.noise.extend(self.total, step)
         return step
 
     def _drop(self, message: str) -> None:

@@ -21,8 +21,7 @@ class WheelTrack:
         self._noise = noise
         self._horizon_ns = nanoseconds(horizon_s)
         self._steps: Deque[WheelStep] = deque()
-        self._since_mark: Optional[WheelMotion] = None
-        self._corrected: Optional[WheelMotion] = None
+        self._since_mark = self._corrected = WheelMotion.nothing(0)  # until the first step sets a mark
         self._constants = np.zeros(2)
 
     @property
@@ -42,7 +41,7 @@ class WheelTrack:
 
     def add(self, step: WheelStep) -> None:
         """Append the newest step."""
-        if self._since_mark is None:
+        if self.empty:
             self.mark(step.start_ns, self._constants)
         self._steps.append(step)
         while self._steps[0].end_ns < step.end_ns - self._horizon_ns:
@@ -65,7 +64,7 @@ class WheelTrack:
 
     def since_mark(self, end_ns: int) -> Optional[WheelMotion]:
         """The motion from the mark to a stamp; None when the stamp is before the mark, forgotten or still to come."""
-        if self._since_mark is None or not self._since_mark.end_ns <= end_ns <= self.end_ns:
+        if self.empty or not self._since_mark.end_ns <= end_ns <= self.end_ns:
             return None
         return self._extend(self._since_mark, self.steps(self._since_mark.end_ns, end_ns))
 

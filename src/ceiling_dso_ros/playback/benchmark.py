@@ -72,7 +72,7 @@ def summarize(runs: Sequence[BenchmarkRun]) -> Dict[str, Any]:
     """
     unit = float(np.median([np.mean(run.machine_ms) for run in runs]))
     frame_ms = {kind: _median([run.frame_ms[kind] for run in runs]) for kind in KINDS}
-    rate_hz = runs[0].frame_rate_hz
+    mean_ms, rate_hz = frame_ms["all"], runs[0].frame_rate_hz
     return {
         "frames": runs[0].frames,
         "tracked": runs[0].tracked,
@@ -87,7 +87,7 @@ def summarize(runs: Sequence[BenchmarkRun]) -> Dict[str, Any]:
             for kind, stages in runs[0].stage_ms.items()
         },
         "frame_rate_hz": rate_hz,
-        "speed_factor": 1e3 / (frame_ms["all"] * rate_hz),
+        "speed_factor": None if mean_ms is None else 1e3 / (mean_ms * rate_hz),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     }
 

@@ -9,7 +9,8 @@ from ceiling_dso_ros.dso import CameraMotion, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState
-from ceiling_dso_ros.io.recording import RobotDescription, WheelSamples
+from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.recording import Recording, RobotDescription, WheelSamples
 from ceiling_dso_ros.io.stamps import LATEST_NS, format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.playback.fused_record import FusedRecord, smoothed_trajectory
@@ -46,6 +47,18 @@ class FusionPlayback:
         self._wheels = WheelPlayback(wheels, self.estimator)
         self._record = FusedRecord()
         self._fused: List[FusedState] = []
+
+    @classmethod
+    def of(cls, recording: Recording, config: FusionConfig = FusionConfig()) -> "FusionPlayback":
+        """Of a recording with wheels.
+
+        Raises:
+            InputError: it has no wheels, or the robot's dimensions are unknown.
+            ConfigError: the camera does not look up, or a dimension is out of range.
+        """
+        if recording.wheels is None or recording.robot is None:
+            raise InputError(f"{recording.path}: needs wheels and the robot's dimensions")
+        return cls(recording.wheels, robot_model(recording.robot), config)
 
     def add(self, status: OdometryStatus) -> None:
         """Take in an image's result, and before it the wheel samples up to its stamp."""

@@ -14,7 +14,7 @@ SAMPLES = 200_000
 WIDTH, HEIGHT = 848, 480
 
 
-@numba.njit(fastmath=True, cache=True)
+@numba.njit(fastmath=True, cache=True)  # type: ignore[misc]  # numba has no types
 def _workload(image: np.ndarray, grad_x: np.ndarray, grad_y: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.float32:
     h00 = h01 = h11 = b0 = b1 = np.float32(0)
     for k in range(xs.size):

@@ -5,7 +5,7 @@ from typing import Dict, Mapping
 
 import numpy as np
 
-from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
 
@@ -27,7 +27,7 @@ class TrajectoryRecorder:
             KeyError: the frame refers to a keyframe that no status has described.
         """
         self._keyframes.update((keyframe.keyframe_id, keyframe) for keyframe in status.keyframes)
-        if status.state is not TrackingState.TRACKING:
+        if status.T_world_camera is None or status.T_keyframe_camera is None:
             return
         if status.keyframe_id not in self._keyframes:
             stamp = format_stamp(status.stamp_ns)
