@@ -17,7 +17,7 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
-from ceiling_dso_ros.dso.compute.jit import cache_folders
+from ceiling_dso_ros.dso.compute.jit import cache_folder, cache_folders
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
@@ -69,7 +69,7 @@ def load_kernels(tell: Callable[[str], None]) -> None:
 
 def _marker() -> Optional[Path]:
     """The file that says that the cache is complete; None where nothing can be cached."""
-    folder = sample.stats.cache_path
+    folder = cache_folder(sample)
     if folder is None:
         return None
     digest = hashlib.sha256()
@@ -78,7 +78,7 @@ def _marker() -> Optional[Path]:
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
     for text in (sys.version, numba.__version__, llvm.get_host_cpu_name(), features):
         digest.update(text.encode())
-    return Path(folder) / f"kernels.{_python_tag()}.{digest.hexdigest()[:16]}"
+    return folder / f"kernels.{_python_tag()}.{digest.hexdigest()[:16]}"
 
 
 def _python_tag() -> str:

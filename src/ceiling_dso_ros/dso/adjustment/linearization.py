@@ -95,7 +95,7 @@ def classify(
         energy[i] = live_sums.energy[k] if inside else energy[i]
         position[i] = k if good else nowhere
         total += live_sums.energy[k] if good else (threshold if inside else np.float32(0))
-        count += np.int64(inside)
+        count += np.int64(inside)  # type: ignore[assignment]  # to numba an int
     return total, count
 
 

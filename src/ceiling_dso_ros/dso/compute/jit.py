@@ -14,7 +14,7 @@ some length as a call unless it is told not to.
 
 import warnings
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Set, TypeVar, cast
+from typing import Any, Callable, Dict, List, Optional, Set, TypeVar, cast
 
 import llvmlite.binding as llvm
 import numba
@@ -46,9 +46,15 @@ def _noalias_option() -> Dict[str, Any]:
     return {"noalias": True}
 
 
+def cache_folder(compiled: Callable[..., Any]) -> Optional[Path]:
+    """Where the machine code of a kernel is cached; None where nothing can be cached."""
+    path = compiled.stats.cache_path  # type: ignore[attr-defined]  # a function to its callers, numba's class in truth
+    return None if path is None else Path(path)
+
+
 def cache_folders() -> Set[Path]:
     """Where the machine code of all kernels that have been imported is cached."""
-    return {Path(function.stats.cache_path) for function in _compiled if function.stats.cache_path is not None}
+    return {folder for folder in map(cache_folder, _compiled) if folder is not None}
 
 
 def kernel(function: Function) -> Function:

@@ -5,13 +5,13 @@ it does not find it again: it types every array anew, a quarter of a millisecond
 ever. A class decorated with `struct_of_arrays` tells its type itself, once for all instances.
 """
 
-from typing import Any, Dict, Tuple, Type, TypeVar
+from typing import Dict, NamedTuple, Type, TypeVar
 
 import numpy as np
 from numba import typeof, types
 from numba.extending import typeof_impl
 
-Struct = TypeVar("Struct", bound=Tuple[Any, ...])
+Struct = TypeVar("Struct", bound=NamedTuple)
 
 _types: Dict[type, types.Type] = {}
 
@@ -19,12 +19,12 @@ _types: Dict[type, types.Type] = {}
 def struct_of_arrays(struct: Type[Struct]) -> Type[Struct]:
     """Decorate a NamedTuple of C-contiguous arrays, or of such structs; fields keep their dtypes and dimensions."""
     del struct._asdict  # by which numba tells the named tuples that it looks up
-    struct._numba_type_ = property(_type_of)
+    struct._numba_type_ = property(_type_of)  # type: ignore[attr-defined]  # which numba asks for
     typeof_impl.register(struct)(lambda value, context: _type_of(value))
     return struct
 
 
-def _type_of(struct: Tuple[Any, ...]) -> types.Type:
+def _type_of(struct: NamedTuple) -> types.Type:
     """The type that kernels are compiled for.
 
     Raises:

@@ -120,7 +120,7 @@ def cell_direction(x: int, y: int, level: int) -> int:
     mixed = np.uint32(x) * np.uint32(73856093) ^ np.uint32(y) * np.uint32(19349663)
     mixed ^= np.uint32(level) * np.uint32(83492791)
     mixed = (mixed ^ (mixed >> np.uint32(13))) * np.uint32(0x5BD1E995)
-    return np.int64((mixed >> np.uint32(15)) & np.uint32(15))
+    return np.int64((mixed >> np.uint32(15)) & np.uint32(15))  # type: ignore[return-value]  # to numba an int
 
 
 @kernel

@@ -43,7 +43,7 @@ class InitializerLevel:
         points, residuals: struct of arrays; residuals has one target, the new frame.
         count: number of points.
         neighbours: (count, 10) int64 nearest points on the level.
-        parents: (count,) int64 nearest point on the next coarser level; None on the coarsest.
+        parents: (count,) int64 nearest point on the next coarser level; empty on the coarsest.
         target: (count,) float32 inverse depth that each point is pulled to.
     """
 
@@ -51,7 +51,7 @@ class InitializerLevel:
     residuals: ResidualArrays
     count: int
     neighbours: np.ndarray
-    parents: Optional[np.ndarray]
+    parents: np.ndarray
     target: np.ndarray
 
 
@@ -137,7 +137,7 @@ class Initializer:
             self._align(image_slot, expected, self._expected_light)
         if not self._snapped or self.rmse > MAX_RMSE_GROWTH * last_rmse:
             self._align_flat(image_slot, expected)
-        self._snapped = self._snapped or np.linalg.norm(self._T[:3, 3]) > self._config.min_translation
+        self._snapped = self._snapped or bool(np.linalg.norm(self._T[:3, 3]) > self._config.min_translation)
         self._frames_since_snap += self._snapped
         if self.failed or not self._enough_parallax():
             return None
@@ -269,7 +269,7 @@ class Initializer:
         points.u[:], points.v[:], points.idepth[:] = pixels.u, pixels.v, 1.0
         points.grey[:], points.weight[:] = table.arrays.grey, table.arrays.weight
         residuals.live[:] = 1
-        parents = None
+        parents = np.zeros(0, np.int64)
         if level < self._pool.shape.levels - 1:
             coarse = self._pixels[level + 1]
             coarse_size = self._pool.shape.sizes[level + 1]

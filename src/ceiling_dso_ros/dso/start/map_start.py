@@ -50,11 +50,13 @@ class MapStart:
             T_camera_world: (4, 4) pose that a first frame gets.
         """
         if self._first is None:
-            return self._begin_with(frame, T_camera_world, "first frame of a segment")
+            self._begin_with(frame, T_camera_world, "first frame of a segment")
+            return None
         first_map = self._initializer.add(frame.image_slot, frame.exposure / self._first.exposure)
         if self._initializer.failed:
             self._pool.release(self._first.image_slot)
-            return self._begin_with(frame, T_camera_world, "the first frame led to no map: starting from this one")
+            self._begin_with(frame, T_camera_world, "the first frame led to no map: starting from this one")
+            return None
         if first_map is None:
             self._pool.release(frame.image_slot)
             self.message = "waiting for parallax"

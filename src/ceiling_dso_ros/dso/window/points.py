@@ -96,7 +96,10 @@ class PointTable:
         """(hosts + 1,) first index of each host slot's points, and the end."""
         return np.searchsorted(self.arrays.host[: self.count], np.arange(hosts + 1))
 
-    def append(self, u, v, kind, grey, weight, idepth, host, live) -> None:  # noqa: ANN001
+    def append(
+        self, u: np.ndarray, v: np.ndarray, kind: np.ndarray, grey: np.ndarray, weight: np.ndarray, idepth: np.ndarray,
+        host: np.ndarray, live: np.ndarray,
+    ) -> None:  # fmt: skip
         """Add points; arguments as in PointArrays, live (targets, n) says which residuals start. Sorts by host.
 
         Points beyond the capacity are left out.
