@@ -49,6 +49,7 @@ def execute(options: argparse.Namespace) -> None:
     """
     from tqdm import tqdm
 
+    from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.io.opening import open_recording
     from ceiling_dso_ros.playback.benchmark import read_reference
@@ -59,7 +60,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.live is not None and not options.live > 0:
         raise InputError(f"--live {options.live}: above 0")
     reference = read_reference(options.vs) if options.vs is not None else None
-    config = load_settings(options.config, options.overrides)
+    config = load_settings(options.config, options.overrides, OdometryConfig)
     recording = open_recording(options.input)
     if options.out is not None:
         with output_folder(options.out):  # known to be wrong before the measurement, not after it

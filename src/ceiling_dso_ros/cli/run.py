@@ -65,6 +65,7 @@ def execute(options: argparse.Namespace) -> None:
     """
     from tqdm import tqdm
 
+    from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.playback.playback import Playback
@@ -73,7 +74,8 @@ def execute(options: argparse.Namespace) -> None:
     if not 0.0 <= options.fps < float("inf"):
         raise InputError(f"--fps {options.fps:g}: 0 or more")
     of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
-    config = load_settings(options.config, [text for text in options.overrides if text not in of_fusion])
+    of_odometry = [text for text in options.overrides if text not in of_fusion]
+    config = load_settings(options.config, of_odometry, OdometryConfig)
     fusion_config = load_settings(
         options.fusion_config, [text[len(FUSION_PREFIX) :] for text in of_fusion], FusionConfig
     )

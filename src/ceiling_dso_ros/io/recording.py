@@ -4,7 +4,7 @@ import enum
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Iterator, Optional, Tuple, Union
+from typing import Any, Callable, Iterator, Optional, Tuple, Union
 
 import numpy as np
 
@@ -86,8 +86,8 @@ class WheelSamples:
         """How many there are."""
         return len(self.stamps_ns)
 
-    def __iter__(self) -> Iterator[Tuple[int, float, float]]:
-        """(stamp_ns, left, right) of each, in the order of time."""
+    def __iter__(self) -> Iterator[Tuple[int, Any, Any]]:
+        """(stamp_ns, left, right) of each, in the order of time; int ticks or float radians."""
         return zip(self.stamps_ns.tolist(), self.left.tolist(), self.right.tolist())
 
 

@@ -1,7 +1,7 @@
 """What the fusion has published, as an offline run writes it and fusion_node's service ~save_trajectory."""
 
 from array import array
-from typing import Dict, Sequence
+from typing import Dict, Iterable, Sequence
 
 import numpy as np
 
@@ -43,5 +43,5 @@ def smoothed_trajectory(nodes: Sequence[SmoothedNode]) -> Trajectory:
     return _trajectory([node.stamp_ns for node in nodes], [node.pose for node in nodes])
 
 
-def _trajectory(stamps_ns: Sequence[int], poses: Sequence[np.ndarray]) -> Trajectory:
+def _trajectory(stamps_ns: Sequence[int], poses: Iterable[np.ndarray]) -> Trajectory:
     return Trajectory.from_matrices(stamps_ns, [planar.lift(pose) for pose in poses])

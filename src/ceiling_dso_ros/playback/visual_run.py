@@ -49,6 +49,7 @@ class VisualRun:
         self._preprocess = preprocess
         self._keep = keep_trajectory
         self.odometry = odometry
+        self.last: Optional[OdometryStatus]
         self._forget()
 
     @classmethod
@@ -95,4 +96,4 @@ class VisualRun:
 
     def _forget(self) -> None:
         self.trajectories = TrajectoryRecorder()
-        self.last: Optional[OdometryStatus] = None
+        self.last = None
