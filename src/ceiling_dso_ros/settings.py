@@ -4,7 +4,7 @@ import dataclasses
 import math
 import re
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Type, TypeVar
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Type, TypeVar, cast
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
@@ -18,7 +18,11 @@ Config = TypeVar("Config")
 ANGLE = re.compile(r"(deg|rad)\(([^()]*)\)")  # as rosparam writes angles
 
 
-def load_settings(path: Optional[Path], overrides: Sequence[str] = (), kind: Type[Config] = OdometryConfig) -> Config:
+def load_settings(
+    path: Optional[Path],
+    overrides: Sequence[str] = (),
+    kind: Type[Config] = OdometryConfig,  # type: ignore[assignment]  # a default has to suit every Config
+) -> Config:
     """Merge the settings of the command line.
 
     Args:
@@ -101,9 +105,10 @@ def _read_override(override: str) -> Mapping:
     if override.find("=") < 1:
         raise InputError(f"--set {override}: expected key=value")
     try:
-        return OmegaConf.to_container(OmegaConf.from_dotlist([override]))
+        values = OmegaConf.to_container(OmegaConf.from_dotlist([override]))
     except (OmegaConfBaseException, yaml.YAMLError) as error:
         raise InputError(f"--set {override}: {_describe(error)}") from error
+    return cast(Dict[str, Any], values)  # of a DictConfig
 
 
 def _understood(value: Any, default: Any) -> Any:  # noqa: ANN401

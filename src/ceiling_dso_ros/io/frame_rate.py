@@ -26,11 +26,11 @@ class FrameRateLimit:
         if self.frame_rate <= 0.0:
             return True
         period_ns = round(1e9 / self.frame_rate)
-        late_ns = None if self._due_ns is None else stamp_ns - self._due_ns
-        if late_ns is None or not -(1.0 + BACKWARDS_PERIODS) * period_ns <= late_ns <= period_ns:
+        due_ns = self._due_ns
+        if due_ns is None or not -(1.0 + BACKWARDS_PERIODS) * period_ns <= stamp_ns - due_ns <= period_ns:
             self._due_ns = stamp_ns + period_ns
             return True
-        if late_ns < -min(EARLY_SHARE * period_ns, EARLY_NS):
+        if stamp_ns - due_ns < -min(EARLY_SHARE * period_ns, EARLY_NS):
             return False
-        self._due_ns += period_ns
+        self._due_ns = due_ns + period_ns
         return True

@@ -38,10 +38,10 @@ def _unknown(values: Mapping, known: Mapping, prefix: str) -> Iterator[str]:
     for key, value in values.items():
         name = f"{prefix}{key}"
         members = known.get(key)
-        if key not in known or (isinstance(value, Mapping) and not isinstance(members, Mapping)):
-            yield _first_member(name, value)
-        elif isinstance(value, Mapping):
+        if isinstance(value, Mapping) and isinstance(members, Mapping):
             yield from _unknown(value, members, f"{name}.")
+        elif isinstance(value, Mapping) or key not in known:
+            yield _first_member(name, value)
 
 
 def _first_member(name: str, value: Any) -> str:  # noqa: ANN401

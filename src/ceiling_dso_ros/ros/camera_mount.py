@@ -35,12 +35,12 @@ class CameraMount:
     def find(self) -> Optional[np.ndarray]:
         """T_base_camera (4, 4), None while it is not known."""
         now_s = rospy.get_time()
-        if self._T_base_camera is None and self._camera_frame and abs(now_s - self._asked_s) >= LOOKUP_PERIOD_S:
+        if self._listener is not None and self._camera_frame and abs(now_s - self._asked_s) >= LOOKUP_PERIOD_S:
             self._asked_s = now_s
-            self._look_up()
+            self._look_up(self._listener)
         return self._T_base_camera
 
-    def _look_up(self) -> None:
+    def _look_up(self, listener: tf2_ros.TransformListener) -> None:
         try:
             found = self._buffer.lookup_transform(self._base_frame, self._camera_frame, rospy.Time(0))
         except tf2_ros.TransformException as error:
@@ -48,4 +48,5 @@ class CameraMount:
             return
         self.complaint = ""
         self._T_base_camera = matrix_from_transform(found.transform)
-        self._listener.unregister()
+        listener.unregister()
+        self._listener = None

@@ -65,6 +65,8 @@ class DataClock:
 
     def set_back(self, stamp_ns: int) -> None:
         """Go on from a stamp that is BACK. How much time has passed is unknown: as much as between the last two."""
+        if self._last_ns is None:  # nothing lies before the first stamp
+            return
         self._last_ns += self._interval_ns
         self._eras.append(Era(self._last_ns, self._last_ns - stamp_ns))
 

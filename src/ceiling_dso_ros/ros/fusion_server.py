@@ -254,10 +254,12 @@ class FusionServer:
         self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
 
     def _predict(self) -> None:
-        newest = self._newest_image
-        if newest is None or newest.state is not TrackingState.TRACKING or not self._publisher.prediction_wanted:
+        newest, now_ns = self._newest_image, self._clock.last_ns
+        if newest is None or now_ns is None:
             return
-        end_ns = self._clock.last_ns - self._camera_offset_ns
+        if newest.state is not TrackingState.TRACKING or not self._publisher.prediction_wanted:
+            return
+        end_ns = now_ns - self._camera_offset_ns
         if end_ns > newest.stamp_ns:
             motion = self._estimator.predict_camera_motion(newest.stamp_ns, end_ns)
             span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)

@@ -1,6 +1,7 @@
 """The parameters of each node beside the settings of the odometry and the fusion: private, with working defaults."""
 
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import Sequence
 
 from ceiling_dso_ros.cfg import DsoConfig, FusionConfig
@@ -27,7 +28,7 @@ def _require_frames(parameters: object, *names: str) -> None:
         require(bool(getattr(parameters, name).strip("/ ")), f"{name}={getattr(parameters, name)}: the name of a frame")
 
 
-def _require_configurable(parameters: object, config: object) -> None:
+def _require_configurable(parameters: object, config: ModuleType) -> None:
     """Those that dynamic_reconfigure offers are within its ranges."""
     for name in config.defaults:
         if name != "groups":

@@ -73,6 +73,8 @@ class OdometryPublisher:
         self.path.add(pose)
 
     def _covariance(self, status: OdometryStatus) -> np.ndarray:
-        if status.covariance is None:  # the pose that a segment begins with: initialisation gives none
+        if (
+            status.covariance is None or status.T_world_camera is None
+        ):  # the pose that a segment begins with: initialisation gives none
             return unknown_covariance()
         return self.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)

@@ -6,7 +6,7 @@ import rospy
 from dynamic_reconfigure.server import Server
 
 
-class ReconfigureServer(Server):
+class ReconfigureServer(Server):  # type: ignore[misc]  # ROS has no types
     """As dynamic_reconfigure's server, whose values are parameters of this node or of one of its groups."""
 
     def update_configuration(self, changes: Dict[str, Any]) -> Any:  # noqa: ANN401
