@@ -73,8 +73,7 @@ class OdometryPublisher:
         self.path.add(pose)
 
     def _covariance(self, status: OdometryStatus) -> np.ndarray:
-        if (
-            status.covariance is None or status.T_world_camera is None
-        ):  # the pose that a segment begins with: initialisation gives none
+        # Initialisation gives none for the pose that a segment begins with.
+        if status.covariance is None or status.T_world_camera is None:
             return unknown_covariance()
         return self.covariance_scale * pose_covariance(status.covariance, status.T_world_camera)
