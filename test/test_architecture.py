@@ -13,7 +13,7 @@ SOURCE = ROOT / "src" / PACKAGE
 
 # Each imports only from those above it; names in one row know nothing of each other.
 LAYERS = (
-    ("dso",),
+    ("dso", "version"),
     ("fusion",),
     ("io", "drivers"),
     ("slam",),
@@ -40,10 +40,11 @@ ROOMS_OF_DSO = (
     ("odometry",),
     ("warmup",),
 )
-# Below playback, io and drivers may know of the odometry no more than what a camera is.
+# Of the odometry, io and drivers know no more than what a camera is.
+A_CAMERA = (f"{PACKAGE}.dso.geometry.camera", f"{PACKAGE}.dso.geometry.projection")
 ALL_THEY_IMPORT = {
-    "io": (f"{PACKAGE}.io", f"{PACKAGE}.dso.geometry.camera"),
-    "drivers": (f"{PACKAGE}.drivers", f"{PACKAGE}.io", f"{PACKAGE}.dso.geometry.camera"),
+    "io": (f"{PACKAGE}.io", *A_CAMERA),
+    "drivers": (f"{PACKAGE}.drivers", f"{PACKAGE}.io", *A_CAMERA),
     "settings": (f"{PACKAGE}.io", f"{PACKAGE}.dso.config"),
 }
 ROS = (

@@ -11,11 +11,13 @@ Functions of scalars compute in the type of their arguments, float32 or float64,
 them. A kernel that loops over points makes `Warp` and `Intrinsics` before its loop.
 """
 
-from typing import NamedTuple, Tuple
+from typing import NamedTuple, Tuple, TypeVar
 
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
+
+Numbers = TypeVar("Numbers", float, np.ndarray)
 
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
@@ -94,7 +96,7 @@ def warp_of(M: np.ndarray, t: np.ndarray) -> Warp:
     )  # fmt: skip
 
 
-def normalized(intrinsics: Intrinsics, u: np.ndarray, v: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def normalized(intrinsics: Intrinsics, u: Numbers, v: Numbers) -> Tuple[Numbers, Numbers]:
     """Normalised coordinates (x, y) of pixels, for numpy; kernels have `unproject`, which is compiled from it."""
     return (u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy
 
@@ -116,7 +118,7 @@ def viewing_rays(intrinsics: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.nda
     return np.stack([x, y, np.ones(np.shape(x))], axis=-1)
 
 
-def pixels(intrinsics: Intrinsics, x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def pixels(intrinsics: Intrinsics, x: Numbers, y: Numbers) -> Tuple[Numbers, Numbers]:
     """Pixels (u, v) of normalised coordinates, for numpy; kernels have `to_pixel`, which is compiled from it."""
     return intrinsics.fx * x + intrinsics.cx, intrinsics.fy * y + intrinsics.cy
 

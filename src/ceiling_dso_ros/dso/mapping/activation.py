@@ -1,5 +1,7 @@
 """Activation: candidates with a narrow interval become points of the bundle adjustment where points are missing."""
 
+from typing import Tuple
+
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel
@@ -97,7 +99,9 @@ class Activator:
         return accepted
 
     @staticmethod
-    def _project(window, pairs, u, v, idepth, host):  # noqa: ANN001, ANN205
+    def _project(
+        window: KeyframeWindow, pairs: PairGeometry, u: np.ndarray, v: np.ndarray, idepth: np.ndarray, host: np.ndarray
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Half-resolution pixels and inverse depths of points in the newest keyframe."""
         x, y, new_idepth = (np.empty(u.size, np.float32) for _ in range(3))
         project_points(u, v, idepth, host, pairs, window.newest, x, y, new_idepth)
