@@ -41,7 +41,7 @@ def contact_sheet() -> np.ndarray:
         gap = np.full((VIEW_SIZE[1], GAP_PX), 255, dtype=np.uint8)
         row = np.hstack([views[0], gap, views[1], gap, views[2]])
         label = np.full((LABEL_PX, row.shape[1]), 255, dtype=np.uint8)
-        cv2.putText(label, ceiling, (2, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, 0, 1, cv2.LINE_AA)
+        cv2.putText(label, ceiling, (2, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0,), 1, cv2.LINE_AA)
         rows += [label, row]
     return np.vstack(rows)
 

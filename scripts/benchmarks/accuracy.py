@@ -83,7 +83,7 @@ def seeds(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 def _textured(subject: str, runs: List[TrackedRun]) -> Iterator[Row]:
     percent = [run.final_ate_percent for run in runs]
     yield Row(subject, "final ATE, % of path", percent, WORST_PERCENT)
-    yield Row(subject, "its median", [np.median(percent)], MEDIAN_PERCENT)
+    yield Row(subject, "its median", [float(np.median(percent))], MEDIAN_PERCENT)
     yield Row(subject, "times lost", [run.lost for run in runs], 0)
     yield Row(subject, "motion before the first pose, s", [run.motion_before_first_pose_s() for run in runs])
 

@@ -35,7 +35,7 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import Event
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.robot import WheelErrors
-from ceiling_dso_ros.simulation.simulation import START_NS, stamp_ns
+from ceiling_dso_ros.simulation.simulation import START_NS, Simulation, stamp_ns
 
 WHEELS = WheelErrors(radius=0.0, ratio=0.01, wheel_base=0.01, travel_noise_m=0.002)
 REPORT_MARGIN_S = 0.5  # a report within this time of a slip belongs to that slip
@@ -69,6 +69,12 @@ def drives(kept: Kept, seeds: int) -> Iterator[Row]:
     yield Row(f"all {driven_s / 60:.0f} min", "false slip reports in 10 min", [reports * 600.0 / driven_s], 1.0)
 
 
+def _simulation(run: FusedRun) -> Simulation:
+    if not isinstance(run.recording, SimulatedRecording):
+        raise TypeError(f"{run.recording.path} is not simulated")
+    return run.recording.simulation
+
+
 def slip(kept: Kept, seeds: int) -> Iterator[Row]:
     """Loops with three bursts of slip."""
     runs = [drive(kept, "loops", seed, "slip") for seed in range(seeds)]
@@ -76,7 +82,7 @@ def slip(kept: Kept, seeds: int) -> Iterator[Row]:
     wheel = [run.ate_percent(run.playback.wheel()) for run in runs]
     missed, false = [], []
     for run in runs:
-        bursts, reports = run.recording.simulation.events, run.playback.estimator.slips
+        bursts, reports = _simulation(run).events, run.playback.estimator.slips
         missed.append(sum(not any(_is_of(report, burst) for report in reports) for burst in bursts))
         false.append(sum(not any(_is_of(report, burst) for burst in bursts) for report in reports))
     yield Row("loops, slip", "ATE fused, % of path", fused, 0.5)
@@ -94,7 +100,7 @@ def cover(kept: Kept, seeds: int) -> Iterator[Row]:
     """Loops with the lens covered for 5 s."""
     pairs = [(drive(kept, "loops", seed), drive(kept, "loops", seed, "cover")) for seed in range(seeds)]
     covered = [run for _, run in pairs]
-    (burst,) = covered[0].recording.simulation.events
+    (burst,) = _simulation(covered[0]).events
     start_ns, end_ns = stamp_ns(burst.start_s), stamp_ns(burst.end_s)
     gaps = [seconds(np.diff(run.published()[0]).max()) for run in covered]
     told = [_share_told(run, start_ns + nanoseconds(NOTICED_S), end_ns) for run in covered]

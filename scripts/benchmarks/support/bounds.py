@@ -22,10 +22,12 @@ from ceiling_dso_ros.dso.adjustment.linearization import Linearization
 from ceiling_dso_ros.dso.images.pattern import PATTERN_SIZE
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.tracking.tracking_kernels import accumulate
+from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window.keyframe_window import INTRINSICS, KeyframeWindow
 from ceiling_dso_ros.dso.window.points import RELATIVE_PARAMETERS
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
+from ceiling_dso_ros.io.recording import Frame
 
 IMAGES = 300  # of the drive, before the window is looked at
 REPEATS = 60
@@ -72,7 +74,7 @@ class KernelCost:
         }
 
 
-@numba.njit(fastmath=True)
+@numba.njit(fastmath=True)  # type: ignore[misc]  # numba has no types
 def _gather(source: np.ndarray, indices: np.ndarray) -> np.float32:
     total = np.float32(0)
     for i in range(indices.size):
@@ -80,7 +82,7 @@ def _gather(source: np.ndarray, indices: np.ndarray) -> np.float32:
     return total
 
 
-@numba.njit(fastmath={"contract", "reassoc", "nsz"})
+@numba.njit(fastmath={"contract", "reassoc", "nsz"})  # type: ignore[misc]  # numba has no types
 def _multiply_add(x: np.ndarray, rounds: int) -> np.float32:
     a = b = c = d = np.float32(0)
     for _ in range(rounds):
@@ -121,14 +123,13 @@ def measure_kernels(bag: Path) -> List[KernelCost]:
     recording = open_recording(bag)
     prepare = ImagePreprocessor(recording.calibration, recording.photometric)
     odometry = DirectOdometry(recording.calibration.camera, OdometryConfig())
-    for frame in islice(recording.frames(), IMAGES):
+    for frame in islice((frame for frame in recording.frames() if isinstance(frame, Frame)), IMAGES):
         image = prepare(frame.image)
         odometry.track(image, frame.stamp_ns, frame.exposure_ms)
-    return [
-        _pyramid(odometry, image),
-        _tracking(odometry),
-        *_linearization(odometry._mapper.window),  # only this benchmark needs access to the mapping
-    ]
+    if odometry.map is None:
+        raise SystemExit(f"{bag}: no map after {IMAGES} images")
+    window = odometry._segment.mapping._mapper.window  # only this benchmark needs access to the mapping
+    return [_pyramid(odometry, image), _tracking(odometry.map.reference, window), *_linearization(window)]
 
 
 def _pyramid(odometry: DirectOdometry, image: np.ndarray) -> KernelCost:
@@ -142,8 +143,7 @@ def _pyramid(odometry: DirectOdometry, image: np.ndarray) -> KernelCost:
     return KernelCost("pyramid", best_ms(build), flops=HALVING_FLOPS * sum(sizes[1:]), bytes=4 * (read + written))
 
 
-def _tracking(odometry: DirectOdometry) -> KernelCost:
-    reference, window = odometry.map.reference, odometry._mapper.window
+def _tracking(reference: TrackingReference, window: KeyframeWindow) -> KernelCost:
     points, system = reference.levels[0], np.zeros((9, 9))
     arguments = (points.u, points.v, points.idepth, points.grey, window.image(window.newest), window.width)
     T = np.eye(4)

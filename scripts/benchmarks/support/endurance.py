@@ -54,9 +54,10 @@ def _drive_on(recording: Recording, out: Path) -> None:
     times_ms, units_ms, lost = array("d"), array("d"), 0
     for frame in tqdm(_laps(recording), desc="long", unit="frame", disable=None):
         if seconds(frame.stamp_ns) >= 60.0 * (len(minutes["lost"]) + 1):
-            measured = {"frame_ms": np.mean(times_ms), "unit_ms": np.mean(units_ms), "lost": lost}
-            for name, value in {"memory_mb": resident_mb(), **measured}.items():
-                minutes[name].append(float(value))
+            minutes["memory_mb"].append(resident_mb())
+            minutes["frame_ms"].append(float(np.mean(times_ms)))
+            minutes["unit_ms"].append(float(np.mean(units_ms)))
+            minutes["lost"].append(float(lost))
             times_ms, units_ms, lost = array("d"), array("d"), 0
             if len(minutes["lost"]) == MINUTES:
                 break
@@ -76,6 +77,8 @@ def _laps(recording: Recording) -> Iterator[Frame]:
     while True:
         first_ns = None
         for frame in recording.frames():
+            if not isinstance(frame, Frame):
+                continue
             first_ns = frame.stamp_ns if first_ns is None else first_ns
             last_ns = begin_ns + frame.stamp_ns - first_ns
             yield Frame(last_ns, frame.exposure_ms, frame.image)

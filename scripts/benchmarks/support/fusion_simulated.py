@@ -53,7 +53,8 @@ def _half_an_hour() -> Tuple[np.ndarray, List[float]]:
     """Processor time of the wheel samples with a graph update and the images before, ms; memory each minute, MB."""
     drive = simulate_drive("loops", 60.0 * MINUTES)
     estimator = FusionEstimator(drive.robot)
-    updates_ms, memory_mb = [], []
+    updates_ms: List[float] = []
+    memory_mb: List[float] = []
     took_s, estimate = 0.0, None
     for stamp_ns, is_camera, data in tqdm(drive.events(), desc="timing", unit="event", disable=None):
         if seconds(stamp_ns - drive.stamps[0]) >= 60.0 * len(memory_mb):

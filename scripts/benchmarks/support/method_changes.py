@@ -21,7 +21,7 @@ from ceiling_dso_ros.dso.window.pair_geometry import PairGeometry, pair_geometry
 def without_huber() -> None:
     """Squared errors instead of the Huber norm; the cutoff of the tracking stays."""
     _set_everywhere("HUBER", np.float32(1e6))
-    tracking_kernels.HUBER = np.float32(TrackingConfig.cutoff)
+    tracking_kernels.HUBER = np.float32(TrackingConfig.cutoff)  # type: ignore[attr-defined]  # as imported there
 
 
 def without_gradient_weight() -> None:
@@ -36,12 +36,12 @@ def without_first_estimates() -> None:
         newest = keyframes._replace(T_camera_world_eval=keyframes.T_camera_world, affine_eval=keyframes.affine)
         return pair_geometry(newest, n, intrinsics)
 
-    linearization.pair_geometry = at_the_estimate
+    linearization.pair_geometry = at_the_estimate  # type: ignore[attr-defined]  # as imported there
 
 
 def without_second_plane() -> None:
     """The initialiser keeps the first of the two motions by which a plane explains a pair of images."""
-    initialization.Initializer._try_dual = lambda self, image_slot: None
+    initialization.Initializer._try_dual = lambda self, image_slot: None  # type: ignore[method-assign]  # the change
 
 
 CHANGES: Dict[str, Callable[[], None]] = {

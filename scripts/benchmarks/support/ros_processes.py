@@ -46,8 +46,14 @@ def running(command: Sequence[str], environment: Environment, log: TextIO) -> It
     Raises:
         OSError: it cannot be started.
     """
-    streams = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": subprocess.STDOUT}
-    process = subprocess.Popen([*WITH_THIS_PROCESS, *command], env=environment, start_new_session=True, **streams)
+    process = subprocess.Popen(
+        [*WITH_THIS_PROCESS, *command],
+        env=environment,
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+    )
     try:
         yield process
     finally:

@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence
+from typing import List, Sequence, Union
 
+import numpy as np
 from tabulate import tabulate
 
 
@@ -13,7 +14,7 @@ class Row:
 
     subject: str
     measure: str
-    values: Sequence[float]
+    values: Union[Sequence[float], np.ndarray]
     high: float = math.inf
     low: float = -math.inf
 

@@ -52,7 +52,7 @@ def uncovered(tracked: TrackedDrives, count: int) -> Iterator[Row]:
     yield Row(subject, "final ATE, % of path: median, 95 %", np.percentile(percent, (50, 95)))
     yield Row(subject, "final ATE, % of path: worst", [max(percent)], WORST_PERCENT)
     first = [run.first_pose - SLIDING for run in posed]
-    yield Row(subject, "images from uncovered to pose: median, worst", [np.median(first), max(first)])
+    yield Row(subject, "images from uncovered to pose: median, worst", [float(np.median(first)), max(first)])
 
 
 def covered(image: np.ndarray, images: float) -> np.ndarray:
