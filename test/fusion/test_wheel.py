@@ -39,6 +39,11 @@ def test_a_quarter_circle_is_integrated_exactly_in_one_step():
     np.testing.assert_allclose(wheels.total.pose, [1.0, 1.0, np.pi / 2], atol=3e-4)
 
 
+def test_there_is_no_total_before_the_first_sample():
+    with pytest.raises(RuntimeError, match="not been heard"):
+        _ = odometry().total
+
+
 def test_the_first_sample_is_the_origin_whatever_the_counters_show():
     wheels = odometry()
     assert wheels.add_ticks(5_000_000_000, 123456, -98765) is None

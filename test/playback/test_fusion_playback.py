@@ -1,9 +1,11 @@
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
@@ -39,6 +41,15 @@ def playback():
         result.add(status)
     result.finish()
     return result
+
+
+@pytest.mark.parametrize("missing", ["wheels", "robot"])
+def test_needs_wheels_and_the_robots_dimensions(missing):
+    recording = SimpleNamespace(path="drive.bag", wheels=wheels(1.0), robot=ROBOT)
+    assert FusionPlayback.of(recording).estimator.robot.wheel_base_m == 0.5
+    setattr(recording, missing, None)
+    with pytest.raises(InputError, match="drive.bag: "):
+        FusionPlayback.of(recording)
 
 
 def test_writes_base_link_at_every_wheel_sample_and_at_every_keyframe(playback, tmp_path):

@@ -79,3 +79,10 @@ def test_after_a_reset_any_stamp_is_the_next():
     clock.reset()
     assert clock.take(5) is StampKind.NEXT
     assert clock.inner_ns(5) == 5
+
+
+def test_there_is_nothing_to_set_back_before_the_first_stamp():
+    clock = DataClock()
+    clock.set_back(5)
+    assert clock.last_ns is None
+    assert clock.inner_ns(7) == 7
