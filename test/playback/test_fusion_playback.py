@@ -48,7 +48,7 @@ def test_needs_wheels_and_the_robots_dimensions(missing):
     recording = SimpleNamespace(path="drive.bag", wheels=wheels(1.0), robot=ROBOT)
     assert FusionPlayback.of(recording).estimator.robot.wheel_base_m == 0.5
     setattr(recording, missing, None)
-    with pytest.raises(InputError, match="drive.bag: "):
+    with pytest.raises(InputError, match="needs wheels"):
         FusionPlayback.of(recording)
 
 
