@@ -119,7 +119,7 @@ class KeyframeBackend:
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, status.T_keyframe_camera)
         self.estimate = self._estimate()
-        self._judge_scale()
+        self._judge_scale(self.estimate.scale_sigma)
 
     def _append(self, interval: Interval, track: WheelTrack) -> None:
         self._bias.learn(interval)
