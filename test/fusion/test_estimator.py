@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, ScaleConfig
@@ -366,3 +367,33 @@ def test_a_robot_that_stands_when_the_fusion_begins_is_seen_at_once(simulate, tr
     assert states[-1].scale.value == pytest.approx(drive.metres_per_unit[later[-1].keyframe_id], rel=0.01)
     begin, end = drive.pose_at(standing - nanoseconds(0.1)), drive.pose_at(states[-1].stamp_ns)
     assert np.hypot(*(states[-1].pose - planar.between(begin, end))[:2]) < 0.05
+
+
+def test_another_output_on_the_way_changes_what_follows_and_not_what_is_known(loops, fused):
+    narrow = OutputConfig(blend_s=1.0, max_correction_m=0.0005, max_correction_rad=0.001)
+    estimator, states, middle = FusionEstimator(loops.robot, keep_history=True), [], len(fused.states) // 2
+    for stamp_ns, is_camera, data in loops.events():
+        if is_camera:
+            estimator.add_keyframes(data)
+            estimator.add_frame(data)
+        else:
+            state = estimator.add_wheel_ticks(stamp_ns, *data)
+            states += [] if state is None else [state]
+        if len(states) == middle and estimator.config.output != narrow:
+            estimator.configure_output(narrow)
+    poses = np.array([state.pose for state in states])
+    np.testing.assert_array_equal(poses[:middle], fused.poses[:middle])
+    assert (poses[middle:] != fused.poses[middle:]).any()
+    assert [state.scale for state in states] == [state.scale for state in fused.states]
+    steps = [planar.between(a, b) for a, b in zip(poses, poses[1:])]
+    usual = [planar.between(a, b) for a, b in zip(fused.poses, fused.poses[1:])]
+    assert np.abs(steps[middle - 1]).max() <= np.abs(usual).max()
+    estimator.reset()
+    assert estimator.config.output == narrow
+
+
+def test_an_output_out_of_range_is_refused_and_the_old_one_stays(loops):
+    estimator = FusionEstimator(loops.robot)
+    with pytest.raises(ConfigError, match=r"output\.blend_s"):
+        estimator.configure_output(OutputConfig(blend_s=0.0))
+    assert estimator.config.output == OutputConfig()
