@@ -44,7 +44,7 @@ class VisualMotion:
         """Whether its wheels can have moved it so, along about an arc; scale is metres per unit."""
         forward, left, turn = self.base_motion(scale)
         sideways = left * math.cos(0.5 * turn) - forward * math.sin(0.5 * turn)
-        return abs(sideways) < scale * self._stray_limit(config)
+        return bool(abs(sideways) < scale * self._stray_limit(config))
 
     def _stray_limit(self, config: VisualConfig) -> float:
         """Units."""
