@@ -1,10 +1,14 @@
-"""A master of our own, and commands with the setup of the workspace's spaces; for tests that start nodes."""
+"""A master of our own, commands with the setup of the workspace's spaces, and a drive; for tests that start nodes.
+
+The helpers of this directory can be imported from its test files.
+"""
 
 import os
 import shlex
 import signal
 import socket
 import subprocess
+import sys
 import time
 import xmlrpc.client
 from pathlib import Path
@@ -13,6 +17,19 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[2]
 PATIENCE_S = 180.0
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(scope="session")
+def bag(tmp_path_factory):
+    """A drive that several tests play; in a folder whose name takes some care."""
+    from launched import render_drive
+
+    path = tmp_path_factory.mktemp("drive") / 'it\'s "a" drive' / "drive.bag"
+    path.parent.mkdir()
+    render_drive(path)
+    return path
 
 
 @pytest.fixture
