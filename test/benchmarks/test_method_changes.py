@@ -4,17 +4,13 @@ import numpy as np
 import pytest
 from support.method_changes import CHANGES
 
-from ceiling_dso_ros.dso import (
-    activation_kernels,
-    candidates,
-    initialization,
-    linearization,
-    pattern,
-    residual_kernels,
-    se3,
-    tracing_kernels,
-    tracking_kernels,
-)
+from ceiling_dso_ros.dso.adjustment import linearization, residual_kernels
+from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.images import pattern
+from ceiling_dso_ros.dso.mapping import activation_kernels, tracing_kernels
+from ceiling_dso_ros.dso.start import initializer
+from ceiling_dso_ros.dso.tracking import tracking_kernels
+from ceiling_dso_ros.dso.window import candidates
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeArrays
 from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry
 
@@ -22,7 +18,7 @@ USERS = {
     "HUBER": (pattern, activation_kernels, residual_kernels, tracing_kernels, tracking_kernels),
     "GRADIENT_WEIGHT": (pattern, activation_kernels, candidates, residual_kernels),
 }
-MEMBERS = ((linearization, "pair_geometry"), (initialization.Initializer, "_try_dual"))
+MEMBERS = ((linearization, "pair_geometry"), (initializer.Initializer, "_try_dual"))
 
 
 @pytest.fixture
@@ -81,7 +77,7 @@ def test_jacobians_at_the_newest_estimate(change, moved_keyframes):
 
 
 def test_first_solution_of_a_plane(change):
-    before = initialization.Initializer._try_dual
+    before = initializer.Initializer._try_dual
     change("initialiser: first solution of a plane")
-    assert initialization.Initializer._try_dual is not before
-    assert initialization.Initializer._try_dual(None, 0) is None
+    assert initializer.Initializer._try_dual is not before
+    assert initializer.Initializer._try_dual(None, 0) is None
