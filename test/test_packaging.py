@@ -110,12 +110,12 @@ def test_installed_command_answers(python, install, environment, tmp_path):
 def test_installed_command_tracks_a_recording(install, environment, tmp_path):
     commands = install(sys.executable)
     here = {"cwd": tmp_path, "env": environment}
-    drive = ("--duration", 3, "--size", "424x240", "--fps", 15, "--out", "drive.bag")
+    drive = ("--duration", 5, "--size", "424x240", "--fps", 15, "--out", "drive.bag")
     run(commands / "ceiling-dso", "simulate", "loops", *drive, **here)
     said = run(commands / "ceiling-dso", "run", "drive.bag", "--robot", "drive.robot.yaml", "--out", "out", **here)
     tracked, frames = map(int, re.match(r"(\d+) of (\d+) frames tracked", said).groups())
-    assert frames > 40
-    assert tracked > 0.5 * frames
+    assert frames > 70
+    assert tracked > 0.4 * frames  # the robot stands for the first two seconds
     assert len((tmp_path / "out" / "fused.tum").read_text().splitlines()) > 50
     # Kernels are kept beside the package, where it may be written: nothing is compiled a second time.
     assert list(commands.parent.rglob("kernels.py*.*"))
