@@ -21,7 +21,7 @@ from ceiling_dso_ros.playback.wheel_playback import WheelPlayback
 
 LATEST_BAG_NS = 2**31 * 10**9 - 1  # rosbags writes seconds as int32
 NOWHERE = np.eye(4)
-IMAGE, K = np.zeros((8, 8), np.uint8), np.array([[5.0, 0.0, 3.5], [0.0, 5.0, 3.5], [0.0, 0.0, 1.0]])
+IMAGE, K = np.zeros((64, 64), np.uint8), np.array([[50.0, 0.0, 31.5], [0.0, 50.0, 31.5], [0.0, 0.0, 1.0]])
 ROBOT = """
 ticks_per_turn: 4096
 wheel_radius: [0.1, 0.1]
@@ -54,7 +54,7 @@ def test_images_from_a_bag_to_the_files_of_a_run(stamps_ns):
         folder = Path(name)
         with BagWriter(folder / "a.bag") as bag:
             for stamp_ns in stamps_ns:
-                bag.camera_info("/camera/up/camera_info", stamp_ns, "camera", (8, 8), K)
+                bag.camera_info("/camera/up/camera_info", stamp_ns, "camera", (64, 64), K)
                 bag.image("/camera/up/image_raw", stamp_ns, "camera", IMAGE)
         run, timing = VisualRun(lambda image: image, StandingOdometry()), TimingLog()
         for frame in BagRecording(folder / "a.bag").frames():
@@ -74,7 +74,7 @@ def test_wheels_from_a_bag_to_the_fused_states_and_their_file(stamps_ns):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with BagWriter(folder / "a.bag") as bag:
-            bag.camera_info("/camera/up/camera_info", stamps_ns[0], "camera", (8, 8), K)
+            bag.camera_info("/camera/up/camera_info", stamps_ns[0], "camera", (64, 64), K)
             bag.image("/camera/up/image_raw", stamps_ns[0], "camera", IMAGE)
             for stamp_ns in stamps_ns:
                 bag.joint_state("/joint_states", stamp_ns, ("left_wheel", "right_wheel"), (0.0, 0.0))
