@@ -64,3 +64,11 @@ def test_interpolation_is_exact_for_constant_velocity_wherever_the_clock_begins(
 
     found = interpolate_poses(begin_ns + ns(times_s), poses_at(times_s), begin_ns + ns(wanted_s))
     assert np.allclose(found, poses_at(wanted_s), atol=1e-12)
+
+
+@pytest.mark.parametrize("offset_ns", [-50_000_000, 50_000_000])
+def test_stamps_exactly_between_those_of_the_reference_are_all_paired(offset_ns):
+    reference_ns = 100_000_000 * np.arange(10)
+    index, reference_index = associate(reference_ns + offset_ns, reference_ns, 0.06)
+    assert len(index) >= 9
+    assert len(set(reference_index.tolist())) == len(index)

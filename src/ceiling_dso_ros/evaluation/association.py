@@ -25,8 +25,9 @@ def associate(
     """
     if len(stamps_ns) == 0 or len(reference_stamps_ns) == 0:
         return np.empty(0, int), np.empty(0, int)
-    nearest_reference = _nearest(stamps_ns, reference_stamps_ns)
-    nearest_stamp = _nearest(reference_stamps_ns, stamps_ns)
+    # Opposite choices, so that stamps exactly between those of the reference are paired, too.
+    nearest_reference = _nearest(stamps_ns, reference_stamps_ns, earlier_of_two=True)
+    nearest_stamp = _nearest(reference_stamps_ns, stamps_ns, earlier_of_two=False)
     index = np.arange(len(stamps_ns))
     difference_ns = np.abs(stamps_ns - reference_stamps_ns[nearest_reference])
     paired = (nearest_stamp[nearest_reference] == index) & (difference_ns <= nanoseconds(max_difference_s))
@@ -53,9 +54,10 @@ def interpolate_poses(stamps_ns: np.ndarray, poses: np.ndarray, wanted_ns: np.nd
     return interpolated
 
 
-def _nearest(stamps_ns: np.ndarray, among_ns: np.ndarray) -> np.ndarray:
-    """For each stamp the index of the nearest of among_ns (the earlier of two equally near)."""
+def _nearest(stamps_ns: np.ndarray, among_ns: np.ndarray, earlier_of_two: bool) -> np.ndarray:
+    """For each stamp the index of the nearest of among_ns; of two that are equally near the earlier or the later."""
     after = np.clip(np.searchsorted(among_ns, stamps_ns), 1, max(len(among_ns) - 1, 1))
     after = np.minimum(after, len(among_ns) - 1)
     before = np.maximum(after - 1, 0)
-    return np.where(stamps_ns - among_ns[before] <= among_ns[after] - stamps_ns, before, after)
+    to_before, to_after = stamps_ns - among_ns[before], among_ns[after] - stamps_ns
+    return np.where(to_before <= to_after if earlier_of_two else to_before < to_after, before, after)
