@@ -3,8 +3,8 @@
 import os
 from pkgutil import extend_path
 
-# Before numpy is loaded: all matrices here are small, and the threads of its linear algebra would wait for work busily,
-# on the core that the tracking needs.
+# Must be set before numpy is loaded. All matrices here are small, and numpy's linear algebra threads would wait
+# actively on the core that the tracking needs.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # catkin's devel space has a second folder of this package: the generated msg and cfg.

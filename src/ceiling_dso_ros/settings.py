@@ -41,13 +41,13 @@ def load_settings(
 def merge_settings(kind: Type[Config], layers: Sequence[Tuple[str, Mapping]], whole: str) -> Config:
     """Merge values into the defaults of a dataclass.
 
-    Whole numbers will do for floats, lists for tuples, and texts that are numbers (yaml reads 1e-5 as a text) or angles
-    such as deg(90) for numbers; an empty text is None where that is the default.
+    Integers are accepted for floats, lists for tuples, and for numbers also texts with a number (yaml reads 1e-5 as a
+    text) or an angle such as deg(90). An empty text is None where None is the default.
 
     Args:
         kind: a dataclass, with dataclasses as its groups, that can be made without arguments and has `check()`.
-        layers: (where they come from, nested values); what comes later counts.
-        whole: names all of them together, for what is out of range.
+        layers: (source, nested values); later layers override earlier ones.
+        whole: name of all layers together, for messages about values out of range.
 
     Raises:
         InputError: unknown name, value of another type or out of range, in one line.
@@ -112,7 +112,7 @@ def _read_override(override: str) -> Mapping:
 
 
 def _understood(value: Any, default: Any) -> Any:  # noqa: ANN401
-    """What is meant by a value that yaml or rosparam could not express otherwise."""
+    """Convert a value that yaml or rosparam cannot express in its type."""
     if isinstance(value, Mapping):
         members = default if isinstance(default, Mapping) else {}
         return {key: _understood(member, members.get(key)) for key, member in value.items()}
@@ -165,6 +165,6 @@ def _with_tuples(config: Any) -> Any:  # noqa: ANN401
 
 
 def _describe(error: Exception) -> str:
-    """The first line says what is wrong, OmegaConf's further ones are for its developers."""
+    """The first line of OmegaConf's message, which says what is wrong; the others are internal."""
     key = getattr(error, "full_key", None)
     return (f"{key}: " if key else "") + str(error).splitlines()[0]

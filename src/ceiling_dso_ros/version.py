@@ -1,4 +1,4 @@
-"""The version of this package, which only package.xml says."""
+"""The version of this package; its only source is package.xml."""
 
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -8,9 +8,9 @@ UNKNOWN = "unknown"
 
 
 def find_version() -> str:
-    """The version of what is imported: a checkout's package.xml says it, else what pip or catkin has installed.
+    """The version of the imported package: from package.xml of a checkout, else from the installation by pip or catkin.
 
-    A checkout comes first, since an older installation may be on the path as well.
+    A checkout is used first, because an older installation may be on the path, too.
 
     Returns:
         Three numbers with dots between them, or UNKNOWN for sources that were copied without package.xml.

@@ -20,21 +20,23 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "benchmark",
-        help="time per frame and per stage",
-        description="Track a recording several times, every frame to the end, and print the medians in milliseconds "
-        "and in a unit that hardly depends on the machine.",
+        help="measure the time per frame and per stage",
+        description="Track a recording several times without dropping frames, and print the median times in "
+        "milliseconds and in a unit that hardly depends on the machine.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
     parser.add_argument("--repeats", metavar="N", type=int, default=3, help="passes over the recording (default 3)")
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument(
-        "--vs", metavar="FOLDER", type=Path, help="compare with the benchmark.json or reference.json in there"
+        "--vs", metavar="FOLDER", type=Path, help="compare with benchmark.json or reference.json in this folder"
     )
     kind.add_argument(
-        "--live", metavar="RATE", type=float, help="play it RATE times as fast as it was, once, dropping what is late"
+        "--live", metavar="RATE", type=float, help="play it once at RATE times real time and drop late images"
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write benchmark.json there; made if missing")
-    parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder for benchmark.json; created if missing")
+    parser.add_argument(
+        "--config", metavar="FILE.yaml", type=Path, help="yaml file with settings, such as config.yaml of a run"
+    )
     parser.add_argument(
         "--set", metavar="key=value", dest="overrides", action="append", default=[], help="one setting; may be repeated"
     )
@@ -63,7 +65,7 @@ def execute(options: argparse.Namespace) -> None:
     config = load_settings(options.config, options.overrides, OdometryConfig)
     recording = open_recording(options.input)
     if options.out is not None:
-        with output_folder(options.out):  # known to be wrong before the measurement, not after it
+        with output_folder(options.out):  # detect errors before the measurement, not after it
             pass
     load_kernels(tqdm.write)
     if options.live is not None:
@@ -76,7 +78,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, reference: Optional[dict]) -> Report:
-    """Every frame to the end, several times."""
+    """Several runs without dropping frames."""
     from tqdm import tqdm
 
     from ceiling_dso_ros.playback.benchmark import describe, run_once, summarize
@@ -92,7 +94,7 @@ def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, ref
 
 
 def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float) -> Report:
-    """In real time or faster, mapping beside the tracking; the images are read beforehand."""
+    """One run in real time or faster, with the mapping in its own thread; all images are read first."""
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso import OdometryStatus

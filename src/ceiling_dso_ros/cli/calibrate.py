@@ -16,16 +16,18 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "calibrate",
-        help="from a recording to the robot's dimensions",
-        description="Track the camera of a recording with wheels and find how the camera is mounted, how late its "
-        "stamps are, the ratio of the wheels' radii and the wheel base. Drive curves both ways and straight parts for "
-        "a minute. The height of the camera and the mean wheel radius cannot be found and stay as they are.",
+        help="estimate the robot's dimensions from a recording",
+        description="Estimate the mounting of the camera, its time offset, the ratio of the wheel radii and the wheel "
+        "base from a recording with camera and wheels. Record one minute with turns in both directions and straight "
+        "parts. The height of the camera and the mean wheel radius cannot be estimated and keep their values.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
-    parser.add_argument("--out", metavar="robot.yaml", type=Path, required=True, help="where the result goes")
-    parser.add_argument("--camera", metavar="camera.txt", type=Path, help="calibration instead of the recording's own")
-    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions instead of the recording's own")
-    parser.add_argument("--image-topic", metavar="TOPIC", help="of a bag (default /camera/up/image_raw)")
+    parser.add_argument("--out", metavar="robot.yaml", type=Path, required=True, help="output file")
+    parser.add_argument(
+        "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
+    )
+    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions to use instead of the recording's")
+    parser.add_argument("--image-topic", metavar="TOPIC", help="image topic of a bag (default /camera/up/image_raw)")
     parser.set_defaults(execute=execute)
 
 
@@ -50,7 +52,7 @@ def execute(options: argparse.Namespace) -> None:
     recording = open_recording(options.input, topics, camera_file=options.camera, robot_file=options.robot)
     wheels, description = recording.wheels, recording.robot
     if wheels is None or len(wheels) < 2:
-        raise InputError(f"{options.input}: has no wheel encoders, without which there is nothing to compare with")
+        raise InputError(f"{options.input}: has no wheel encoders; give it joint_states, ticks or encoders.csv")
     if description is None:
         raise InputError(f"{options.input}: the robot's dimensions are unknown; give them with --robot")
     try:
@@ -67,7 +69,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
-    """What the odometry says of all images that can be read."""
+    """Track all readable images; yields their statuses."""
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso.warmup import load_kernels
@@ -91,18 +93,18 @@ def _table(calibration: "Calibration") -> str:
         [
             value.name,
             f"{value.value:.4f}" if value.excited else "-",
-            f"{value.sigma:.4f}" if value.excited else "not excited by the motion",
+            f"{value.sigma:.4f}" if value.excited else "not determined by the motion",
             value.unit,
             f"{value.nominal:.4f}",
         ]
         for value in calibration.values
     ]
-    rows += [[name, "-", "cannot be found", "m", ""] for name in ALWAYS_UNOBSERVABLE]
+    rows += [[name, "-", "cannot be estimated", "m", ""] for name in ALWAYS_UNOBSERVABLE]
     return tabulate(rows, headers=["", "value", "standard deviation", "unit", "before"], disable_numparse=True)
 
 
 def _yaml(calibration: "Calibration", source: Path) -> str:
-    """The robot file, with what is known of every value as comments."""
+    """The robot file, with the standard deviation of every value in comments."""
     import yaml
 
     from ceiling_dso_ros.io.recording import RobotDescription
@@ -118,6 +120,10 @@ def _yaml(calibration: "Calibration", source: Path) -> str:
     )
     lines = [f"# calibrated from {source.name} with {calibration.pairs} pairs of images"]
     for value in calibration.values:
-        found = f"{value.value:.6g} +- {value.sigma:.2g}" if value.excited else f"not excited, {value.nominal:.6g} kept"
+        found = (
+            f"{value.value:.6g} +- {value.sigma:.2g}"
+            if value.excited
+            else f"not determined by the motion, {value.nominal:.6g} kept"
+        )
         lines.append(f"# {value.name}: {found} {value.unit}".rstrip())
     return "\n".join(lines) + "\n" + yaml.safe_dump(robot_values(description), sort_keys=False)

@@ -1,4 +1,4 @@
-"""`collect`: from what the nodes have published to trajectories that `evaluate` takes."""
+"""`collect`: converts the recorded output of the nodes into trajectories for `evaluate`."""
 
 import argparse
 from pathlib import Path
@@ -13,12 +13,12 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "collect",
-        help="trajectories out of what the nodes have published",
-        description="Write camera.tum, wheel.tum and fused.tum from a bag that was recorded beside the nodes, such as "
-        "that of playback.launch record:=BAG.",
+        help="convert the recorded output of the nodes into trajectories",
+        description="Write camera.tum, wheel.tum and fused.tum from a bag with the output of the nodes, for example "
+        "from playback.launch record:=BAG.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="a ROS 1 bag")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the files go; made if missing")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")
     for name, topic in TOPICS.items():
         parser.add_argument(f"--{name}-topic", metavar="TOPIC", default=topic, help="default %(default)s")
     parser.set_defaults(execute=execute)

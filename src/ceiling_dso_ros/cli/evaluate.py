@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
     from ceiling_dso_ros.io.trajectory import Trajectory
 
-# File -> how it is aligned. A camera alone knows no metres; what has wheels does, and moves in the plane.
+# File -> alignment. The camera alone has no metric scale; trajectories with wheels are metric and planar.
 TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
 OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
 
@@ -22,10 +22,10 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "evaluate",
-        help="numbers and figures of a run against a reference",
-        description="Compare DIR/*.tum with a reference; writes evaluation.json and figures into DIR.",
+        help="compare a run with a reference trajectory",
+        description="Compare DIR/*.tum with a reference; print the errors, write evaluation.json and figures to DIR.",
     )
-    parser.add_argument("directory", metavar="DIR", type=Path, help="what `run --out` wrote")
+    parser.add_argument("directory", metavar="DIR", type=Path, help="folder written by `run --out`")
     parser.add_argument(
         "--reference", metavar="GT.tum", type=Path, required=True, help="TUM trajectory of the camera, metres"
     )
@@ -33,26 +33,26 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "--base-reference",
         metavar="GT.tum",
         type=Path,
-        help="the same of base_link, for wheel.tum, fused.tum and fused_smoothed.tum (default GT_base.tum beside the "
-        "--reference GT.tum, or the --reference itself where there is none)",
+        help="TUM trajectory of base_link, metres, for wheel.tum, fused.tum and fused_smoothed.tum (default: "
+        "GT_base.tum beside --reference GT.tum if it exists, else --reference itself)",
     )
     parser.add_argument(
         "--align",
         choices=("auto", "sim3", "se3", "se2", "sim2"),
         default="auto",
-        help="what may be fitted; auto: sim3 for the camera's trajectories, se2 for metric ones (default)",
+        help="alignment before the comparison; auto (default): sim3 for the camera's trajectories, se2 for metric ones",
     )
     parser.add_argument(
         "--max-difference",
         metavar="S",
         type=_seconds,
         default=0.01,
-        help="largest difference of two stamps that belong together, seconds (default %(default)s)",
+        help="largest time difference of two matched poses, seconds (default %(default)s)",
     )
     parser.add_argument(
         "--interpolate",
         action="store_true",
-        help="take the reference at the very stamps of the estimate, not at its nearest ones",
+        help="interpolate the reference at the stamps of the estimate instead of using its nearest poses",
     )
     parser.set_defaults(execute=execute)
 
@@ -117,7 +117,7 @@ def _write(
 
 
 def _positions(reference: "Trajectory", start_ns: int, end_ns: int) -> "np.ndarray":
-    """Those within the time of the estimates, (M, 3)."""
+    """Positions of the reference within the time of the estimates, (M, 3)."""
     return reference.positions[(reference.stamps_ns >= start_ns) & (reference.stamps_ns <= end_ns)]
 
 
@@ -126,7 +126,7 @@ def _reference_of(name: str, options: argparse.Namespace) -> Path:
 
 
 def _base_reference(options: argparse.Namespace) -> Path:
-    """As given, else `GT_base.tum` beside the reference `GT.tum`, else the reference itself."""
+    """The given file, else `GT_base.tum` beside the reference `GT.tum`, else the reference itself."""
     beside = options.reference.with_name(f"{options.reference.stem}_base.tum")
     return options.base_reference or (beside if beside.exists() else options.reference)
 
@@ -136,7 +136,7 @@ def _find_trajectories(directory: Path) -> Dict[str, Path]:
     found = {name: path for name, path in paths.items() if path.exists()}
     if not found:
         raise InputError(
-            f"{directory}: holds no camera.tum or other trajectory of a run; give the folder of `run --out`"
+            f"{directory}: there is no camera.tum or other trajectory of a run in it; give the folder of `run --out`"
         )
     return found
 

@@ -19,7 +19,7 @@ COMMANDS = (run, evaluate, collect, calibrate, simulate, benchmark)
 
 
 class _Parser(argparse.ArgumentParser):
-    """Complains in one line, as everything here does."""
+    """A parser whose errors are one line, like all errors of the package."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(WRONG_INPUT, f"error: {message}; see {self.prog} --help\n")
@@ -48,7 +48,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     try:
         options.execute(options)
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough
+    except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
@@ -56,7 +56,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         return _complain(str(error), WRONG_INPUT)
     except OutputError as error:
         return _complain(str(error), FAILED)
-    except Exception as error:  # the last resort: one line instead of a trace
+    except Exception as error:  # any other error: one line instead of a traceback
         if was_interrupt(error):
             return _complain("interrupted", INTERRUPTED)
         if sys.flags.dev_mode:
@@ -68,7 +68,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run_process() -> NoReturn:
     """Run the command that this process was started with: the entry point of `ceiling-dso`.
 
-    SIGTERM ends it as Ctrl-C does, and Ctrl-C also where a shell's `&` had switched it off.
+    SIGTERM ends it like Ctrl-C. Ctrl-C ends it also if a shell's `&` has disabled it.
     """
     for number in INTERRUPTS:
         signal.signal(number, signal.default_int_handler)

@@ -9,7 +9,7 @@ from ceiling_dso_ros.io.errors import InputError
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder that is missing, for what the with block writes there.
+    """Create a folder if it is missing, for the files that the with block writes.
 
     Raises:
         InputError: it cannot be made, or the block cannot write.

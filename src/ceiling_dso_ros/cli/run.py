@@ -23,23 +23,34 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "run",
-        help="from a recording to trajectories",
-        description="Track the camera of a recording; writes camera.tum, camera_final.tum, keyframes.tum, map.ply, "
-        "timing.csv, config.yaml and summary.json into DIR, and where the recording has wheels wheel.tum, fused.tum, "
-        "fused_smoothed.tum and fusion.yaml, also when it is interrupted.",
+        help="estimate trajectories from a recording",
+        description="Track the camera of a recording and write camera.tum, camera_final.tum, keyframes.tum, map.ply, "
+        "timing.csv, config.yaml and summary.json into DIR. If the recording has wheels, also write wheel.tum, "
+        "fused.tum, fused_smoothed.tum and fusion.yaml. All files are also written after an interruption.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go; made if missing")
-    parser.add_argument("--camera", metavar="camera.txt", type=Path, help="calibration instead of the recording's own")
-    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions instead of the recording's own")
-    parser.add_argument("--image-topic", metavar="TOPIC", help="of a bag (default /camera/up/image_raw)")
-    parser.add_argument("--camera-info-topic", metavar="TOPIC", help="of a bag (default beside the images)")
-    parser.add_argument("--exposure-topic", metavar="TOPIC", help="of a bag (default beside the images)")
-    parser.add_argument("--size", metavar="WxH", help="scale the images down to this size (default their own)")
-    parser.add_argument("--fps", metavar="N", type=float, default=0.0, help="use so many images a second (default all)")
-    parser.add_argument("--config", metavar="FILE.yaml", type=Path, help="settings; a run's config.yaml is one")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")
     parser.add_argument(
-        "--fusion-config", metavar="FILE.yaml", type=Path, help="settings of the fusion; a run's fusion.yaml is one"
+        "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
+    )
+    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions to use instead of the recording's")
+    parser.add_argument("--image-topic", metavar="TOPIC", help="image topic of a bag (default /camera/up/image_raw)")
+    parser.add_argument(
+        "--camera-info-topic", metavar="TOPIC", help="default: camera_info in the namespace of the images"
+    )
+    parser.add_argument("--exposure-topic", metavar="TOPIC", help="default: exposure in the namespace of the images")
+    parser.add_argument("--size", metavar="WxH", help="scale the images down to this size (default: original size)")
+    parser.add_argument(
+        "--fps", metavar="N", type=float, default=0.0, help="largest number of images used per second (default: all)"
+    )
+    parser.add_argument(
+        "--config", metavar="FILE.yaml", type=Path, help="yaml file with settings, such as config.yaml of a run"
+    )
+    parser.add_argument(
+        "--fusion-config",
+        metavar="FILE.yaml",
+        type=Path,
+        help="yaml file with settings of the fusion, such as fusion.yaml of a run",
     )
     parser.add_argument(
         "--set",
@@ -47,18 +58,18 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         dest="overrides",
         action="append",
         default=[],
-        help="one setting, as in window.max_keyframes=5 or fusion.graph.window=30; may be repeated",
+        help="set one value, such as window.max_keyframes=5 or fusion.graph.window=30; may be repeated",
     )
     parser.add_argument(
         "--predict",
         action="store_true",
-        help="let the wheels tell the odometry how the camera has moved: for few images a second",
+        help="predict the motion of the camera from the wheels; useful with few images a second",
     )
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run odometry and fusion over the whole recording and write the results, whatever happens on the way.
+    """Run odometry and fusion over the whole recording and write the results, also after an error or interruption.
 
     Raises:
         InputError: wrong settings, unreadable recording, or a folder that cannot be written.
@@ -123,7 +134,7 @@ def _open_recording(options: argparse.Namespace) -> "Recording":
 
 
 def _visual_run(recording: "Recording", config: "OdometryConfig", size: Optional[str]) -> "VisualRun":
-    """For the recording's images at their own size or the one asked for; a wrong one shall be known before the run."""
+    """Odometry for the recording's images, scaled if wanted. Called first, so that a wrong size is found early."""
     from ceiling_dso_ros.dso import ConfigError
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.playback.visual_run import VisualRun
@@ -136,7 +147,7 @@ def _visual_run(recording: "Recording", config: "OdometryConfig", size: Optional
 
 
 def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionPlayback"]:
-    """None where there is nothing to fuse; a wrong robot.yaml shall be known before the run, not after it."""
+    """The fusion of a run, None without wheels. Called before the run, so that errors in robot.yaml are found early."""
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
 
@@ -144,7 +155,7 @@ def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionP
     if wheels is None:
         return None
     if robot is None:
-        _warn(f"{recording.path}: the wheels are not used, since the robot's dimensions are unknown; give --robot")
+        _warn(f"{recording.path}: the wheels are not used because the robot's dimensions are unknown; give --robot")
         return None
     try:
         return FusionPlayback(wheels, robot_model(robot), config)

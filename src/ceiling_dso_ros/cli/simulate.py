@@ -1,4 +1,4 @@
-"""`simulate`: a drive under a ceiling, as a bag with everything the robot records."""
+"""`simulate`: a simulated drive under a ceiling, as a bag with all sensor data."""
 
 import argparse
 from pathlib import Path
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.simulation.simulation import Measurement
 
 EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker; each as NAME, NAME@START or
-NAME@START+DURATION in seconds. Beside FILE.bag come FILE.groundtruth.tum (camera), FILE.groundtruth_base.tum,
+NAME@START+DURATION in seconds. Files beside FILE.bag: FILE.groundtruth.tum (camera), FILE.groundtruth_base.tum,
 FILE.truth.yaml (all true values) and FILE.robot.yaml (the nominal robot, for `run --robot`)."""
 
 
@@ -21,14 +21,17 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "simulate",
-        help="a ceiling sequence with everything the robot records",
-        description="Render a drive under a ceiling into a ROS 1 bag, with the truth beside it.",
+        help="simulate a drive under a ceiling into a bag",
+        description="Simulate a robot that drives under a ceiling. Writes a ROS 1 bag with all sensor data, and "
+        "files with the true values beside it.",
         epilog=EPILOG,
     )
     parser.add_argument("sequence", metavar="SEQUENCE", help="square, loops, straight, spin or stop_and_go")
-    parser.add_argument("--out", metavar="FILE.bag", type=Path, required=True, help="where the bag goes")
+    parser.add_argument("--out", metavar="FILE.bag", type=Path, required=True, help="output bag")
     parser.add_argument("--ceiling", metavar="NAME", default="factory", help="factory, tiles, warehouse or plaster")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of everything random (default %(default)s)")
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="seed of all random choices (default %(default)s)"
+    )
     parser.add_argument("--duration", metavar="S", type=float, default=0.0, help="seconds (default: one lap)")
     parser.add_argument("--event", metavar="EVENT", action="append", default=[], help="see below; may be repeated")
     _add_camera_options(parser.add_argument_group("camera"))
@@ -39,23 +42,39 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
 def _add_camera_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--size", metavar="WxH", default="848x480", help="pixels (default %(default)s)")
     group.add_argument("--fps", metavar="N", type=float, default=30.0, help="frames a second (default %(default)s)")
-    group.add_argument("--read-noise", metavar="X", type=float, default=0.7, help="grey levels (default %(default)s)")
-    group.add_argument("--shot-noise", metavar="X", type=float, default=1.8, help="at 255 (default %(default)s)")
+    group.add_argument(
+        "--read-noise", metavar="X", type=float, default=0.7, help="sensor noise, grey levels (default %(default)s)"
+    )
+    group.add_argument(
+        "--shot-noise",
+        metavar="X",
+        type=float,
+        default=1.8,
+        help="photon noise at 255, grey levels (default %(default)s)",
+    )
     group.add_argument("--response-gamma", metavar="X", type=float, default=1.0, help="1 is linear (default)")
     group.add_argument("--vignette", metavar="X", type=float, default=0.0, help="light lost in the corners, 0 to 0.8")
     group.add_argument("--distortion", metavar="K", type=float, nargs=4, default=(), help="k1 k2 p1 p2 of the lens")
-    group.add_argument("--time-offset", metavar="S", type=float, default=0.0, help="stamps are so much too late")
+    group.add_argument(
+        "--time-offset", metavar="S", type=float, default=0.0, help="delay of the image stamps, seconds (default 0)"
+    )
     group.add_argument("--stereo", action="store_true", help="a second upward camera")
-    group.add_argument("--forward", action="store_true", help="a camera that looks ahead")
+    group.add_argument("--forward", action="store_true", help="a forward-looking camera")
     group.add_argument("--imu", action="store_true", help="an inertial unit")
 
 
 def _add_wheel_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--radius-error", metavar="X", type=float, default=0.0, help="of the mean, relative (default 0)")
-    group.add_argument("--ratio-error", metavar="X", type=float, default=0.01, help="right/left (default %(default)s)")
-    group.add_argument("--wheel-base-error", metavar="X", type=float, default=0.01, help="(default %(default)s)")
-    group.add_argument("--travel-noise", metavar="M", type=float, default=5e-5, help="m a root metre (default 5e-5)")
-    group.add_argument("--tick-noise", metavar="X", type=float, default=0.3, help="ticks (default %(default)s)")
+    group.add_argument("--radius-error", metavar="X", type=float, default=0.0, help="mean radius, relative (default 0)")
+    group.add_argument(
+        "--ratio-error", metavar="X", type=float, default=0.01, help="ratio right/left, relative (default %(default)s)"
+    )
+    group.add_argument(
+        "--wheel-base-error", metavar="X", type=float, default=0.01, help="relative (default %(default)s)"
+    )
+    group.add_argument("--travel-noise", metavar="M", type=float, default=5e-5, help="m after 1 m (default 5e-5)")
+    group.add_argument(
+        "--tick-noise", metavar="X", type=float, default=0.3, help="reading noise, ticks (default %(default)s)"
+    )
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -133,7 +152,7 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
 
 
 def _shown(measurements: Iterable["Measurement"], progress: "tqdm") -> Iterator["Measurement"]:
-    """Pass measurements on and move the bar to their time."""
+    """Yield measurements and move the progress bar to their time."""
     first_ns = None
     for measurement in measurements:
         first_ns = first_ns or measurement.stamp_ns

@@ -21,11 +21,11 @@ def require(condition: bool, message: str) -> None:
 class WindowConfig:
     """The keyframe window and its points."""
 
-    max_keyframes: int = 10  # with the published 7 and 2000 points the scale drifts more under roofs full of edges
-    min_keyframes: int = 5  # fewer are never marginalised for want of points
+    max_keyframes: int = 10  # with the published 7 (and 2000 points) the scale drifts more at depth edges
+    min_keyframes: int = 5  # keyframes with few points are not removed while there are no more than this
     candidate_points: int = 1500  # new ones per keyframe
     active_points: int = 1000  # in the whole window
-    min_active_share: float = 0.1  # with a smaller share of them the map is lost
+    min_active_share: float = 0.1  # with a smaller share of active_points, tracking is lost
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -44,16 +44,16 @@ class InitializationConfig:
     """The first map from frames with parallax."""
 
     densities: Tuple[float, ...] = (0.03, 0.05, 0.15, 0.5, 1.0)  # share of pixels per level, finest first
-    min_translation: float = 0.016  # of the mean depth, before depths are trusted
+    min_translation: float = 0.016  # of the mean depth, before depths are estimated
     frames_after_snap: int = 5
     max_translation: float = 0.12  # of the mean depth; beyond it the map is made at once
-    max_frames: int = 300  # without a map the first frame is replaced
-    max_rmse: float = 10.0  # grey levels; a first map that explains the images worse is not taken
+    max_frames: int = 300  # after this many frames without a map the first frame is replaced
+    max_rmse: float = 10.0  # grey levels; a first map with a larger error is not accepted
     min_share: float = 0.3  # of the wanted active points that a first map must have
-    min_texture: float = 30.0  # as tracking.min_texture, of the first frame on its map: beginning takes more
-    min_point_texture: float = 12.0  # squared gradient over that of noise that half of its points must have
+    min_texture: float = 30.0  # as tracking.min_texture, of the first frame on its map; stricter than while tracking
+    min_point_texture: float = 12.0  # median squared gradient of the points of a first map, over that of noise
     flat_coupling: float = 22500.0  # information that pulls depths to the plane before that
-    translation_coupling: float = 2000.0  # and the translation to zero; more lets a rotation pass for it
+    translation_coupling: float = 2000.0  # and the translation to zero; with more, rotation may look like translation
     depth_coupling: float = 1.0  # and to their neighbours' median afterwards
 
     def check(self) -> None:
@@ -81,10 +81,10 @@ class TrackingConfig:
     """Coarse-to-fine tracking of a new frame against the newest keyframe."""
 
     cutoff: float = 20.0  # grey levels
-    affine_a_information: float = 0.0  # per point, pulls a towards the keyframe's
+    affine_a_information: float = 0.0  # information per point that pulls a towards the keyframe's
     affine_b_information: float = 0.0
-    max_rmse_growth: float = 1.5  # a hypothesis is given up, or found good, relative to the best known error
-    min_texture: float = 2.0  # squared gradient over that of noise, along the worst motion; below it a frame is lost
+    max_rmse_growth: float = 1.5  # relative to the best error; above it a hypothesis is rejected, below it accepted
+    min_texture: float = 2.0  # squared gradient over that of noise, along the worst motion; below it tracking is lost
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -98,7 +98,7 @@ class TracingConfig:
     """Search of candidates along their epipolar lines."""
 
     reach: float = 0.05  # longest search, share of width + height
-    depth_margin: float = 3.0  # new candidates are searched among the inverse depths seen so far, times and over this
+    depth_margin: float = 3.0  # factor by which the range of known inverse depths is extended for new candidates
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -113,7 +113,7 @@ class ActivationConfig:
     iterations: int = 3
     min_hessian: float = 50.0
     max_interval: float = 8.0  # pixels
-    min_quality: float = 4.0  # second best over best energy of the search; with 3 the error depends more on the start
+    min_quality: float = 4.0  # second best over best energy of a search; 3 makes the error depend more on the start
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -150,11 +150,11 @@ class OptimizationConfig:
 class KeyframeConfig:
     """When a frame becomes a keyframe: the sum of the three terms exceeds one."""
 
-    translation_weight: float = 36.0  # on the root mean squared flow by translation, divided by width + height
-    motion_weight: float = 18.0  # on that of the whole motion
+    translation_weight: float = 36.0  # weight of the root mean squared flow by translation, divided by width + height
+    motion_weight: float = 18.0  # weight of that of the whole motion
     brightness_weight: float = 2.0  # on |ln alpha|
     max_rmse_growth: float = 2.0  # of the first error on the keyframe
-    min_flow: float = 0.5  # pixels; below it the camera stands still, and a growing error is no reason
+    min_flow: float = 0.5  # pixels; below it the camera stands still, and a growing error does not make a keyframe
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""

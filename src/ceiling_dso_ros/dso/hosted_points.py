@@ -1,4 +1,4 @@
-"""Points of the map as the keyframes that host them see them."""
+"""Points of the map in the frames of their host keyframes."""
 
 from dataclasses import dataclass
 from typing import Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class HostedPoints:
-    """Points relative to their host keyframes: they move along when a host's pose is refined, even after they left.
+    """Points relative to their host keyframes: they move when a host's pose is refined, even after they left.
 
     Attributes:
         keyframe_id: (N,) int64 host of each point.

@@ -25,7 +25,7 @@ from ceiling_dso_ros.dso.start.map_start import MapStart
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingLostError, TrackingState
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker, TrackedFrame
 
-# Beside the window's: the frame in work, the first frame of a map, one that is about to leave, and the backlog.
+# In addition to the window's: the current frame, the first frame of a map, one that is about to leave, and the backlog.
 EXTRA_IMAGES = 3 + MAX_BACKLOG
 
 
@@ -79,7 +79,8 @@ class DirectOdometry:
             image: (height, width) float32 or uint8, undistorted and photometrically corrected, grey levels 0..255.
             stamp_ns: nanoseconds, larger than the last one's.
             exposure_ms: exposure time, None or not positive when unknown.
-            prediction: motion from the last image to this one, known by other means; None when there are none.
+            prediction: motion from the last image to this one, predicted by other sensors; None if there is no
+                prediction.
         """
         segment, timer = self._segment, StageTimer()
         with timer.stage("pyramid"):
@@ -111,7 +112,7 @@ class DirectOdometry:
         return Frame(stamp_ns, exposure, self._pool.build(image), np.eye(4), np.zeros(2))
 
     def _initialize(self, frame: Frame, timer: StageTimer) -> OdometryStatus:
-        """Collect frames for a first map; no pose is given before it is believed."""
+        """Collect frames for a first map; there is no pose before the map is accepted."""
         segment = self._segment
         frames = segment.start.add(frame, se3.inverse(segment.T_world_camera))
         if frames is None:

@@ -24,7 +24,7 @@ KEYFRAMES_OF_FIRST_MAP = 2
 
 @dataclass
 class Segment:
-    """What is remembered from image to image, and what it says of each.
+    """State of a segment between images; makes the status of each image.
 
     Attributes:
         number: counts up from 0 over the run.
@@ -60,7 +60,7 @@ class Segment:
         return first_map
 
     def take_in_map(self, timer: StageTimer) -> None:
-        """Go on with what the mapping has finished.
+        """Use the finished results of the mapping.
 
         Raises:
             TrackingLostError: the map has no solution any more.
@@ -69,18 +69,18 @@ class Segment:
             self.trigger.renew()
 
     def needs_keyframe(self, frame: Frame, tracked: TrackedFrame, reference: TrackingReference) -> bool:
-        """Whether a tracked frame is to become a keyframe; not while another one is in work."""
+        """Whether a tracked frame becomes a keyframe; never while another keyframe is being processed."""
         return not self.mapping.keyframe_pending and self.trigger.fires(tracked, frame.exposure, reference)
 
     def status_with_pose(
         self, frame: Frame, current: MapSnapshot, tracked: Optional[TrackedFrame], is_keyframe: bool, timer: StageTimer
     ) -> OdometryStatus:
-        """Remember a frame's pose and tell it.
+        """Store a frame's pose; returns its status.
 
         Args:
             frame: with its pose and brightness.
             current: the map that the frame was tracked against.
-            tracked: how it was found; None for the frame that completed the first map.
+            tracked: result of the tracking; None for the frame that completed the first map.
             is_keyframe: whether it became a keyframe.
             timer: times of the stages.
         """
@@ -105,14 +105,14 @@ class Segment:
         )
 
     def status_without_map(self, frame: Frame, message: str, timer: StageTimer) -> OdometryStatus:
-        """Tell why there is no map yet."""
+        """Status of a frame while there is no map yet; the message says why."""
         state = TrackingState.INITIALIZING if self.number == 0 else TrackingState.RECOVERING
         return self.status_without_pose(frame, state, message, timer)
 
     def status_without_pose(
         self, frame: Frame, state: TrackingState, message: str, timer: StageTimer
     ) -> OdometryStatus:
-        """Tell why there is no pose."""
+        """Status of a frame without a pose; the message says why."""
         return OdometryStatus(frame.stamp_ns, state, self.number, message=message, **self._common(timer))
 
     def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
@@ -120,7 +120,7 @@ class Segment:
         return map_error(age) * world_covariance(tracked.covariance, frame.T_camera_world)
 
     def _common(self, timer: StageTimer) -> Dict[str, Any]:
-        """What every status says."""
+        """Fields that every status has."""
         news = self.mapping.take_news()
         keyframes = {keyframe.keyframe_id: keyframe for snapshot in news for keyframe in snapshot.keyframes}
         return {

@@ -1,4 +1,4 @@
-"""What the odometry says about a frame: values, never flags to poll."""
+"""Result of the odometry for a frame."""
 
 import enum
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 
 
 class TrackingState(enum.Enum):
-    """Where the odometry stands after a frame."""
+    """State of the odometry after a frame."""
 
     INITIALIZING = "initializing"  # collecting parallax for a first map: no pose yet
     TRACKING = "tracking"  # the pose is valid
@@ -19,7 +19,7 @@ class TrackingState(enum.Enum):
 
 
 class TrackingLostError(Exception):
-    """The segment ends with this image, for the reason that the message gives. Never leaves the odometry."""
+    """The segment ends with this image; the message says why. Only raised and caught within the odometry."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class OdometryStatus:
         T_keyframe_camera: (4, 4) float64 pose relative to that keyframe; None without a pose.
         keyframes: all keyframes as refined since the last status, oldest first; empty when the window did not change.
         window_points: the window's active points; empty when the window did not change.
-        marginalized: the points that left the window since the last status, their information kept.
+        marginalized: the points that were marginalised since the last status.
         rmse: photometric error of the tracking, grey levels; nan without a pose.
         active_points, candidate_points: how many the window holds.
         timing_ms: milliseconds of each stage.

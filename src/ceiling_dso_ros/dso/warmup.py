@@ -1,7 +1,8 @@
-"""Compile and cache every kernel, so that no robot waits for them: `python3 -m ceiling_dso_ros.dso.warmup`.
+"""Compile and cache every kernel before the first run: `python3 -m ceiling_dso_ros.dso.warmup`.
 
-A file beside the cached kernels says that they are complete. It carries a digest of the sources, since numba watches
-only the file of a kernel and not of those that it calls, and of what else decides about the machine code.
+A file beside the cached kernels says that they are complete. It contains a digest of all sources and of
+everything else that affects the machine code, because numba only checks the file of a kernel and not those of the
+functions that it calls.
 """
 
 import hashlib
@@ -54,10 +55,10 @@ def warm_up() -> int:
 def load_kernels(tell: Callable[[str], None]) -> None:
     """Have every kernel ready.
 
-    Missing ones are compiled by a process of their own: one that compiles may round differently from all that load.
+    A separate process compiles missing kernels: a process that compiles may round differently from those that load.
 
     Args:
-        tell: is called with a message before that, as it takes a minute or two.
+        tell: is called with a message before the compilation, because it takes a minute or two.
     """
     marker = _marker()
     if marker is not None and not marker.exists():

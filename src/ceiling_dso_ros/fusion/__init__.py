@@ -1,1 +1,1 @@
-"""Wheel odometry, the factor graph that makes the visual odometry metric, and the filter that publishes it."""
+"""Wheel odometry, the factor graph that estimates the metric scale, and the filter for the published pose."""

@@ -1,4 +1,4 @@
-"""From keyframes to the graph: pairs them with the wheels' motion, judges who is wrong, keeps the scale."""
+"""Adds keyframes and the wheels' motion to the graph, and detects slip and jumps of the scale."""
 
 import math
 from dataclasses import replace
@@ -25,11 +25,11 @@ class KeyframeBackend:
     """Feeds the graph with keyframes.
 
     Attributes:
-        estimate: the newest keyframe as the graph sees it; None before the first.
+        estimate: the graph's estimate at the newest keyframe; None before the first.
         scale_known: the scale of the newest segment is known now.
         scale_was_known: it has been known at any time.
         jump_ns: when the last jump of the visual scale was noticed, nanoseconds on the wheels' clock.
-        off_floor: the newest step of the camera was no motion on a floor and was not used.
+        off_floor: the newest camera motion is not possible on a floor and was not used.
         monitor: the slips.
     """
 
@@ -54,7 +54,7 @@ class KeyframeBackend:
 
     @property
     def scale(self) -> ScaleState:
-        """The scale of the newest segment, the mean wheel radius's error included."""
+        """The scale of the newest segment; its sigma includes the error of the mean wheel radius."""
         if self.estimate is None:
             return ScaleState(math.nan, math.nan, False, -1)
         sigma = math.hypot(self.estimate.scale_sigma, self._config.wheels.radius_sigma)
@@ -62,7 +62,7 @@ class KeyframeBackend:
 
     @property
     def log_scale_sigma(self) -> float:
-        """Of the newest segment's scale by the graph alone, inf before the first keyframe."""
+        """Standard deviation of the newest segment's log-scale in the graph, inf before the first keyframe."""
         return math.inf if self.estimate is None else self.estimate.scale_sigma
 
     def refine(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
@@ -82,11 +82,11 @@ class KeyframeBackend:
         Args:
             keyframe: one of those that `refine` has returned, in their order.
             stamp_ns: of its image, on the wheels' clock.
-            track: the wheels, which have been heard of after that.
+            track: the wheel steps; they reach beyond the stamp.
 
         Returns:
-            The node, the newest keyframe as the graph sees it; None when the wheels' motion up to it is not known any
-            more, so that it cannot become one.
+            The graph's estimate at the new node; None if the wheels' motion up to it is no longer stored, so that it
+            cannot become a node.
         """
         wheels = track.since_mark(stamp_ns)
         if wheels is None:
@@ -103,14 +103,14 @@ class KeyframeBackend:
         return self.estimate
 
     def begin(self, status: OdometryStatus, stamp_ns: int, track: WheelTrack) -> None:
-        """Make a tracked image the first node, where its keyframe is older than the wheels' first sample.
+        """Make a tracked image the first node, if its keyframe is older than the first wheel sample.
 
-        So it is when the fusion begins while the robot stands: the next keyframe may be long to come.
+        This happens if the fusion starts while the robot stands still: it may take long until the next keyframe.
 
         Args:
             status: of the image.
             stamp_ns: of the image, on the wheels' clock.
-            track: the wheels, which have been heard of after that.
+            track: the wheel steps; they reach beyond the stamp.
         """
         wheels, keyframe = track.since_mark(stamp_ns), self._chain.known(status.keyframe_id)
         if wheels is None or keyframe is None:
@@ -145,7 +145,7 @@ class KeyframeBackend:
         return self.monitor.beyond_gate(found, self.scale_known)
 
     def smoothed(self, origin: np.ndarray) -> List[SmoothedNode]:
-        """All keyframes by the graph of the whole recording, moved by (3,) origin.
+        """All keyframes as the graph of the whole recording estimates them, relative to (3,) origin.
 
         Raises:
             RuntimeError: the history was not kept.
@@ -162,7 +162,7 @@ class KeyframeBackend:
         return visual
 
     def _on_floor(self, T: Optional[np.ndarray]) -> Optional[VisualMotion]:
-        """The camera's motion as that of the robot; None when there is none or a robot on a floor cannot move so."""
+        """The camera's motion if it is possible for a robot on a floor, else None."""
         if T is None:
             return None
         visual, config = VisualMotion.from_camera(T, self._T_base_camera), self._config.visual
@@ -172,7 +172,7 @@ class KeyframeBackend:
         return visual if possible else None
 
     def _judged(self, interval: Interval) -> Interval:
-        """The interval with the wheels believed or not."""
+        """The interval with the result of the slip test."""
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
@@ -181,13 +181,13 @@ class KeyframeBackend:
         return replace(interval, wheels_slip=self.monitor.slips(interval, found, known))
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
-        """Where the camera saw nothing: with the wheels as they have been of late."""
+        """An interval without camera: the wheels' motion, corrected by `WheelBias`."""
         if interval.visual is not None or self._config.graph.estimate_wheels:
             return interval
         return replace(interval, wheels=self._bias.bridge(track.corrected_since_mark(interval.stamp_ns)))
 
     def _mend_jump(self, newest: Interval) -> None:
-        """After a jump of the visual scale: begin a new scale there, and believe the wheels again."""
+        """After a jump of the visual scale: start a new scale there, and withdraw the slips reported since."""
         start = self.monitor.scale_jump()
         if start is None:
             return
@@ -198,14 +198,14 @@ class KeyframeBackend:
         self.monitor.forget(next(i.wheels.start_ns for i in self._graph.intervals if i.end == start))
 
     def _estimate(self) -> GraphEstimate:
-        """By the graph; unless that estimates the wheels' constants, with those that the wheels have had of late."""
+        """The graph's estimate; its wheel constants are those of `WheelBias` unless the graph estimates them."""
         estimate = self._graph.optimize()
         if self._config.graph.estimate_wheels:
             return estimate
         return replace(estimate, constants=self._bias.constants, constants_covariance=self._bias.covariance)
 
     def _judge_scale(self, sigma: float) -> None:
-        """Known below one sigma, unknown above another, as before in between."""
+        """The scale is known below one sigma and unknown above another; in between the state does not change."""
         config = self._config.scale
         self.scale_known = sigma < config.converged_sigma or (self.scale_known and sigma < config.lost_sigma)
         self.scale_was_known |= self.scale_known

@@ -1,12 +1,12 @@
-"""Calibration from a recording: where the camera sits on the robot, what its wheels are like, whose clock is late.
+"""Calibration from a recording: camera mounting, wheel dimensions, and time offset of the camera.
 
-Between two images the camera and the wheels tell the same motion of the base (hand-eye calibration in the plane):
+Between two images, camera and wheels measure the same motion of the base (planar hand-eye calibration):
 
     R_bc R_vo R_bc^T = Rz(phi),    s R_bc t_vo = (t + (Rz(phi) - I) a, 0)
 
 with the camera's rotation R_bc and position a in the base, metres per unit s, and the wheels' motion (t, phi) between
-the images' stamps plus the time offset, as ratio and base make it. Least squares over all pairs of images, robust, the
-residuals weighted by how much they are found to scatter.
+the images' stamps plus the time offset, which depends on ratio and base. It is solved by robust least squares over all
+pairs of images, with residuals weighted by their scatter.
 """
 
 import math
@@ -24,7 +24,7 @@ from ceiling_dso_ros.fusion.wheel import WheelStep
 MIN_PAIRS = 10
 ALWAYS_UNOBSERVABLE = ("camera z", "mean wheel radius")
 
-# what is estimated: name, unit, and the standard deviation below which the motion has determined it
+# estimated values: name, unit, and the standard deviation below which a value counts as determined
 PARAMETERS = (
     ("camera roll", "deg", 0.5),
     ("camera pitch", "deg", 0.5),
@@ -48,8 +48,8 @@ class CalibratedValue:
     Attributes:
         name, unit: of it.
         value, sigma: with its standard deviation, in that unit.
-        nominal: what was believed before.
-        excited: the motion determines it; otherwise the value is worth nothing.
+        nominal: the value before the calibration.
+        excited: whether the motion determines it; otherwise the value must not be used.
     """
 
     name: str
@@ -81,10 +81,10 @@ def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: Ro
     Args:
         steps: of the wheels, one after the other, by the nominal dimensions.
         poses: of the camera, all tracked images in order.
-        robot: nominal dimensions; what it says of the camera need not be more than roughly upward.
+        robot: nominal dimensions; of the camera's mounting it is enough to know that it looks upward.
 
     Raises:
-        CalibrationError: too little motion that both have seen.
+        CalibrationError: too little motion that both sensors have measured.
     """
     if not steps:
         raise CalibrationError("the wheels have no samples with growing stamps")
@@ -108,7 +108,7 @@ def _describe(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel) -> Tu
     values = []
     for (name, unit, limit), value, sigma, before in zip(PARAMETERS, solution, sigmas, nominal):
         excited = (math.degrees(sigma) if unit == "deg" else sigma) < limit
-        if name in ("camera x", "camera y"):  # by turns alone their direction goes with the yaw
+        if name in ("camera x", "camera y"):  # with turns alone, their direction cannot be separated from the yaw
             excited = excited and yaw_excited
         if unit == "deg":
             value, sigma, before = (math.degrees(angle) for angle in (value, sigma, before))

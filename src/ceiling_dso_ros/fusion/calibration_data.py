@@ -1,4 +1,4 @@
-"""What a calibration compares: pairs of images, and the wheels' path by assumed ratio, base and time offset."""
+"""Data of a calibration: pairs of images, and the wheels' path for an assumed ratio, base and time offset."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The least squares of a calibration: its residuals, its first guess in closed form, its solution."""
+"""The least-squares problem of a calibration: residuals, initial guess in closed form, solution."""
 
 import math
 from typing import Sequence, Tuple
@@ -54,13 +54,13 @@ def _first_translation(
         columns[:, -2:] = np.eye(2) - planar.rotation(motion[2])
         rows.append(columns)
         rhs.append(motion[:2])
-    weak = np.zeros((2, 2 * len(segments) + 2))  # x and y stay where they were believed when nothing tells them
+    weak = np.zeros((2, 2 * len(segments) + 2))  # undetermined x and y stay at their nominal values
     weak[:, -2:] = 0.02 * np.eye(2)
     solution = np.linalg.lstsq(
         np.vstack([*rows, weak]), np.concatenate([*rhs, 0.02 * robot.T_base_camera[:2, 3]]), rcond=None
     )[0]
     turns = solution[:-2].reshape(-1, 2)
-    if np.linalg.norm(turns, axis=1).min() < 0.1:  # hardly any way: nothing but turns on the spot
+    if np.linalg.norm(turns, axis=1).min() < 0.1:  # hardly any distance: only turns on the spot
         return 0.0, robot.T_base_camera[:2, 3], np.full(len(segments), SCALE_PRIOR[0])
     weights = np.array([sum(pair.segment == segment for pair in pairs) for segment in segments])
     direction = (weights[:, None] * turns / np.linalg.norm(turns, axis=1, keepdims=True)).sum(axis=0)
@@ -70,7 +70,7 @@ def _first_translation(
 class MountingProblem:
     """Residuals of all pairs, six each: yaw, tilt (2), and in units of the visual odometry x, y and climb.
 
-    In units, since in metres noise of the camera would make the scale shrink.
+    They are in VO units, because in metres the camera's noise would bias the scale downward.
     """
 
     def __init__(self, wheels: WheelPath, pairs: Sequence[ImagePair], robot: RobotModel) -> None:
@@ -89,7 +89,7 @@ class MountingProblem:
         """Parameters in the order of PRIOR_SIGMAS, (8,) in rad, m, s and logarithms, with (8, 8) covariance."""
         self._R = Rotation.from_rotvec(guess[:3])
         parameters = np.concatenate([np.zeros(3), guess[3:]])
-        for loss in ("soft_l1", "cauchy", "cauchy"):  # at last a slip has hardly any influence left
+        for loss in ("soft_l1", "cauchy", "cauchy"):  # in the end a slip has hardly any influence
             found = least_squares(self._weighted, parameters, loss=loss, f_scale=3.0, x_scale="jac")
             parameters = found.x
             residuals = self._residuals(parameters)

@@ -20,7 +20,8 @@ class RobotModel:
     """Geometry of a differential-drive robot with a camera that looks up.
 
     Attributes:
-        T_base_camera: (4, 4) pose of the camera's optical frame in base_link, which is on the floor amid the wheels.
+        T_base_camera: (4, 4) pose of the camera's optical frame in base_link, which is on the floor midway between the
+            wheels.
         wheel_base_m: distance of the wheels' contact points.
         wheel_radius_m: (left, right); not needed when the wheels come as nav_msgs/Odometry.
         ticks_per_turn: encoder counts of one turn of a wheel; needed for ticks alone.
@@ -52,17 +53,17 @@ class RobotModel:
 
 @dataclass(frozen=True)
 class WheelConfig:
-    """How far the wheels can be trusted.
+    """Error model of the wheels.
 
     The white part is per wheel and grows with the square root of the distance; the systematic parts are standard
     deviations of constants, so that their effect grows with the distance itself.
     """
 
     noise_m_per_sqrt_m: float = 0.005
-    radius_sigma: float = 0.005  # mean radius, relative: a scale error that nothing on board can see
+    radius_sigma: float = 0.005  # mean radius, relative: a scale error that no sensor on the robot can detect
     ratio_sigma: float = 0.01  # right radius / left radius, relative
     base_sigma: float = 0.01  # wheel base, relative
-    max_speed_m_s: float = 3.0  # of a wheel: beyond it the counter was restarted
+    max_speed_m_s: float = 3.0  # of a wheel; a faster motion means that the counter was restarted
     silence_s: float = 0.5  # without a sample for so long the wheels count as silent
 
     def check(self) -> None:
@@ -81,7 +82,7 @@ class WheelConfig:
 
 @dataclass(frozen=True)
 class VisualConfig:
-    """How far the motion between two keyframes can be trusted.
+    """Error model of the camera's motion between two keyframes.
 
     Lengths are in units of the visual odometry, whose mean depth is about 1 when a segment begins: errors of a camera
     are angles, so in these units they do not depend on the height of the ceiling.
@@ -90,10 +91,10 @@ class VisualConfig:
     translation_sigma: float = 1.5e-4  # per axis, keyframe to keyframe
     yaw_sigma_rad: float = 2e-4
     robust_threshold: float = 4.0  # in sigmas: beyond it the influence of a measurement no longer grows (Huber)
-    tilt_limit_rad: float = 0.03  # a step that tilts the robot more is no motion on a floor and is not used
-    stray_limit: float = 0.005  # nor one that lifts it or moves it sideways by more, units
-    stray_share: float = 0.1  # and this share of its way, since no mounting is known exactly
-    silence_s: float = 1.0  # without a tracked frame for so long the camera counts as silent
+    tilt_limit_rad: float = 0.03  # a step that tilts the robot more is not possible on a floor and is not used
+    stray_limit: float = 0.005  # nor one that moves it up or sideways by more, units
+    stray_share: float = 0.1  # plus this share of its distance, because the mounting is not known exactly
+    silence_s: float = 1.0  # without a tracked frame for this time the camera counts as silent
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -114,11 +115,11 @@ class VisualConfig:
 class ScaleConfig:
     """The scale: metres per unit of the visual odometry. Sigmas are of its logarithm."""
 
-    ceiling_height_m: Optional[float] = None  # above the camera; the unit is about this long, so it is a first guess
+    ceiling_height_m: Optional[float] = None  # above the camera: about one VO unit, so an initial scale
     height_sigma: float = 0.3  # of that guess
     walk_sigma: float = 4e-4  # drift over a way of one unit
     converged_sigma: float = 0.005  # below it the scale is known
-    lost_sigma: float = 0.02  # above it it is not known any more
+    lost_sigma: float = 0.02  # above this sigma the scale is no longer known
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -143,10 +144,10 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class SlipConfig:
-    """When wheels and camera contradict each other."""
+    """When a difference between wheels and camera counts as slip or as a jump of the scale."""
 
     gate: float = 25.0  # squared normalised difference (chi-square, one degree of freedom): 5 sigma
-    jump_steps: int = 6  # so many distances in a row, wrong by the same factor, are a jump of the visual scale
+    jump_steps: int = 6  # this many consecutive distances, wrong by the same factor, are a jump of the visual scale
     report_gap_s: float = 1.0  # slips closer than this are one report
 
     def check(self) -> None:
@@ -156,9 +157,9 @@ class SlipConfig:
 
 @dataclass(frozen=True)
 class OutputConfig:
-    """How corrections reach the published pose."""
+    """How corrections are applied to the published pose."""
 
-    blend_s: float = 0.1  # time constant with which a correction is worked in
+    blend_s: float = 0.1  # time constant with which corrections are applied
     max_correction_m: float = 0.005  # largest correction of one output
     max_correction_rad: float = 0.01
     acceleration_m_s2: float = 2.0  # of the robot, for the filter of the twist

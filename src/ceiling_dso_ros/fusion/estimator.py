@@ -1,7 +1,7 @@
-"""The fusion as a whole: wheel samples, keyframes and tracked images in, metric poses out.
+"""The whole fusion: it takes wheel samples, keyframes and tracked images, and gives metric poses.
 
-The same class serves the ROS node and the offline run. Wheels and camera need not come in the order of their stamps: an
-image is taken in as soon as the wheels have been heard of after it, a keyframe whenever its optimisation is done.
+The same class serves the ROS node and the offline run. Wheel and camera data need not arrive in the order of their
+stamps: an image is used as soon as a later wheel sample has arrived, a keyframe whenever its optimisation is done.
 """
 
 import bisect
@@ -30,7 +30,7 @@ from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
-SLIP_PERSISTS_NS = nanoseconds(0.1)  # the wheels are believed again so long after they last contradicted an image
+SLIP_PERSISTS_NS = nanoseconds(0.1)  # a slip ends this long after the last image that contradicted the wheels
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
 
@@ -71,37 +71,37 @@ class FusionEstimator:
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
 
     def add_wheel_ticks(self, stamp_ns: int, left: int, right: int) -> Optional[FusedState]:
-        """Take in int32 encoder counters; returns the new output, None for the first sample and for one not used."""
+        """Add int32 encoder counters; returns the new output, None for the first sample and for a dropped one."""
         return self._add_step(self.wheels.add_ticks(stamp_ns, left, right))
 
     def add_wheel_angles(self, stamp_ns: int, left_rad: float, right_rad: float) -> Optional[FusedState]:
-        """Take in wheel angles; returns as `add_wheel_ticks`."""
+        """Add wheel angles; returns as `add_wheel_ticks`."""
         return self._add_step(self.wheels.add_angles(stamp_ns, left_rad, right_rad))
 
     def add_wheel_odometry(self, stamp_ns: int, pose: np.ndarray) -> Optional[FusedState]:
-        """Take in the (3,) pose x, y, yaw of an odometry that the robot has already; returns as `add_wheel_ticks`."""
+        """Add the (3,) pose x, y, yaw of the robot's own wheel odometry; returns as `add_wheel_ticks`."""
         return self._add_step(self.wheels.add_pose(stamp_ns, pose))
 
     def add_keyframes(self, status: OdometryStatus) -> Optional[FusedState]:
-        """Take in the keyframes as refined with a status; returns an output only while the wheels are silent."""
+        """Add the keyframes as refined with a status; returns an output only while the wheels are silent."""
         for keyframe in self._backend.refine(status.keyframes):
             self._wait(keyframe)
         return self._take_in(status)
 
     def add_frame(self, status: OdometryStatus) -> Optional[FusedState]:
-        """Take in the pose of a tracked image, or that there is none; returns as `add_keyframes`."""
+        """Add the pose of a tracked image, or the fact that there is none; returns as `add_keyframes`."""
         self._health.heard_camera(self._on_wheel_clock(status.stamp_ns), status)
         if status.state is TrackingState.TRACKING:
             self._wait(status)
         return self._take_in(status)
 
     def set_pose(self, pose: np.ndarray) -> None:
-        """Let the published pose be (3,) from now on; what follows goes on from there."""
+        """Set the published pose to (3,); later poses continue from there."""
         now = np.zeros(3) if self._output is None else self._output.pose
         self._origin = planar.compose(np.asarray(pose, dtype=float), planar.inverse(now))
 
     def configure_output(self, output: OutputConfig) -> None:
-        """Let other settings of the output count from the next one on; what is known of the robot stays.
+        """Change the settings of the output from the next output on; the estimate does not change.
 
         Raises:
             ConfigError: a setting is out of range.
@@ -118,16 +118,16 @@ class FusionEstimator:
 
     @property
     def newest_keyframe(self) -> Optional[GraphEstimate]:
-        """The newest keyframe as the graph sees it, its pose counted from the first wheel sample; None before."""
+        """The graph's estimate at the newest keyframe, its pose relative to the first wheel sample; None before."""
         return self._backend.estimate
 
     @property
     def slips(self) -> List[SlipReport]:
-        """When the wheels were not believed."""
+        """The slips reported so far."""
         return self._backend.monitor.reports
 
     def predict_camera_motion(self, start_ns: int, end_ns: int) -> Optional[CameraMotion]:
-        """How the camera has moved between two image stamps by the wheels; None before wheels and a first keyframe."""
+        """Motion of the camera between two image stamps by the wheels; None before the first sample and keyframe."""
         estimate = self._backend.estimate
         if estimate is None or self._track.empty:
             return None
@@ -135,12 +135,12 @@ class FusionEstimator:
         return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, *span_ns)
 
     def finish(self) -> None:
-        """The recording is over: use what waits for a wheel sample after it, as a keyframe of the last image does."""
+        """End of the recording: use data that still waits for a wheel sample, such as the last image's keyframe."""
         if self._output is not None:
             self._use_waiting(self._output)
 
     def smoothed(self) -> List[SmoothedNode]:
-        """All keyframes so far as the graph of the whole recording sees them, in odom; needs keep_history."""
+        """All keyframes so far as the graph of the whole recording estimates them, in odom; needs keep_history."""
         return self._backend.smoothed(self._origin)
 
     def _add_step(self, step: Optional[WheelStep]) -> Optional[FusedState]:
@@ -152,7 +152,7 @@ class FusionEstimator:
         return None if step is None else self._advance(step)
 
     def _advance(self, step: WheelStep) -> FusedState:
-        """One output later: wheels first, then the images that have been waiting for them."""
+        """Advance by one output: first the wheels, then the images that were waiting for them."""
         if self._output is None:
             self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_ns)
         self._track.add(step)
@@ -172,7 +172,7 @@ class FusionEstimator:
         )
 
     def _use_waiting(self, output: LiveOutput) -> None:
-        """Use what came from the camera for times that the wheels have reached by now."""
+        """Use the camera data whose stamps the wheels have reached by now."""
         while self._waiting and self._waiting[0][0] <= self._track.end_ns:
             stamp_ns, _, item = self._waiting.pop(0)
             if isinstance(item, KeyframeEstimate):
@@ -184,13 +184,13 @@ class FusionEstimator:
         return stamp_ns + self._camera_offset_ns
 
     def _wait(self, item: Union[KeyframeEstimate, OdometryStatus]) -> None:
-        """Keep an item of the camera until the wheels are heard of after it; before they ever were it is of no use."""
+        """Keep camera data until a later wheel sample arrives; without any wheel sample so far it is dropped."""
         if not self.wheels.heard:
             return
         bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_ns), next(self._count), item))
 
     def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
-        """While the wheels are silent, go on without them from image to image."""
+        """While the wheels are silent, continue without them from image to image."""
         now_ns = self._on_wheel_clock(status.stamp_ns)
         if self._output is None or not self._health.wheels_silent(now_ns) or now_ns <= self._track.end_ns:
             return None
@@ -219,7 +219,7 @@ class FusionEstimator:
             output.correct(sighting)
 
     def _compare_frames(self, output: LiveOutput, status: OdometryStatus) -> None:
-        """See from one image to the next whether the wheels slip: sooner than the keyframes do."""
+        """Detect slip from one image to the next, which is sooner than from keyframe to keyframe."""
         if not self._frames or not self._backend.scale_known:
             return
         before = self._frames[-1]
@@ -237,7 +237,7 @@ class FusionEstimator:
         output.correct_twist(end_ns, rate, np.diag(sigmas))
 
     def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
-        """(3, 3) covariance of where the camera sees the base, metres and rad."""
+        """(3, 3) covariance of the base's pose as the camera measures it, metres and rad."""
         scale = self.scale.value
         sigma_m = scale * self.config.visual.translation_sigma
         covariance = np.diag([sigma_m, sigma_m, self.config.visual.yaw_sigma_rad]) ** 2
@@ -246,7 +246,7 @@ class FusionEstimator:
         return covariance
 
     def _sighting(self, status: OdometryStatus) -> Optional[Sighting]:
-        """Where the camera sees the base from the newest keyframe; None unless the scale is known."""
+        """Pose of the base relative to the newest keyframe, measured by the camera; None unless the scale is known."""
         visual = self._backend.motion_of(status) if self._backend.scale_known else None
         if visual is None:
             return None

@@ -28,9 +28,9 @@ scale_key = L
 def visual_factor(
     keys: Tuple[int, int, int], visual: VisualMotion, noise: gtsam.noiseModel.Base, camera_yaw: bool
 ) -> gtsam.CustomFactor:
-    """Relative motion of the camera between keyframes i and j, of which the scale is not known.
+    """Relative motion of the camera between keyframes i and j, with unknown scale.
 
-    Error in VO units, in which the camera's noise is constant, so that noise cannot make the scale shrink:
+    The error is in VO units, in which the camera's noise is constant, so that noise does not bias the scale:
 
         e_t = R(g) u - exp(-l_j) (t + (R(phi) - I) a + h q),    e_phi = psi - phi
 

@@ -1,4 +1,4 @@
-"""The factor graph: base poses and log-scales of the keyframes, tied by wheels and camera.
+"""The factor graph: base poses and log-scales of the keyframes, connected by factors of wheels and camera.
 
 `WindowGraph` keeps the newest keyframes for the live estimate; what leaves the window stays as a Gaussian prior on the
 oldest that remain. `smooth` solves the graph of a whole recording at once, built from the same factors.
@@ -18,19 +18,19 @@ from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
 ANCHOR_SIGMA = 1e-5  # metres and rad: odom is where the first wheel sample was taken
-FIRST_HEIGHT_M = 4.0  # of a ceiling that nobody told, with a sigma of 1: 1.5 to 11 m
+FIRST_HEIGHT_M = 4.0  # of a ceiling of unknown height, with a sigma of 1: 1.5 to 11 m
 FIRST_HEIGHT_SIGMA = 1.0
 MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
 COST_TOLERANCE = 1e-4  # half a squared sigma is 1
-STANDING_SHIFT = 0.01  # units: the scale may drift as over this way even when a keyframe is made on the spot
-# One variable after the other: in a block of several, gtsam takes one for undetermined that the others hold some
-# thousand times less firmly than these are held. So is the scale of a new segment while nothing tells it.
+STANDING_SHIFT = 0.01  # units: lower bound of the distance for the scale's drift, for keyframes without translation
+# Eliminates one variable at a time. In a block of several variables, gtsam treats one as undetermined if it is a few
+# thousand times less certain than the others. The scale of a new segment is, while no measurement determines it.
 LINEAR_SOLVER = "SEQUENTIAL_CHOLESKY"
 
 
 @dataclass(frozen=True)
 class Interval:
-    """What ties node `end` - 1 to node `end`. Node 0 is the anchor, the others are keyframes.
+    """Measurements between node `end` - 1 and node `end`. Node 0 is the anchor, the others are keyframes.
 
     Attributes:
         end: number of the later node.
@@ -38,7 +38,7 @@ class Interval:
         wheels: motion of the wheels.
         visual: motion of the camera; None when there is none, or none that can be used.
         continues: the scale of the end follows from that of the start: same segment, no jump.
-        wheels_slip: the wheels contradict the camera and are hardly believed.
+        wheels_slip: the wheels contradict the camera, so their noise is increased.
     """
 
     end: int
@@ -51,7 +51,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class GraphEstimate:
-    """The newest keyframe as the graph sees it.
+    """The graph's estimate at the newest keyframe.
 
     Attributes:
         stamp_ns: its stamp.
@@ -122,12 +122,12 @@ class FactorBuilder:
 
     @staticmethod
     def guess(interval: Interval) -> gtsam.Pose2:
-        """About the motion of the base: turned as the camera saw it, which is more exact and needs no scale."""
+        """Approximate motion of the base; the rotation is the camera's, which is more accurate and needs no scale."""
         forward, left, turn = interval.wheels.pose
         return gtsam.Pose2(forward, left, turn if interval.visual is None else interval.visual.yaw)
 
     def first_log_scale(self) -> float:
-        """Where the estimate of a new segment's scale begins."""
+        """Initial value for the scale of a new segment."""
         return math.log(self._config.scale.ceiling_height_m or FIRST_HEIGHT_M)
 
     def _scale_factor(self, interval: Interval) -> gtsam.NonlinearFactor:
@@ -142,7 +142,7 @@ class FactorBuilder:
 
     def _wheel_covariance(self, interval: Interval) -> np.ndarray:
         covariance = self._noise.covariance(interval.wheels, self._unmodelled)
-        if interval.wheels_slip:  # a wheel can have turned several times as far as the robot went
+        if interval.wheels_slip:  # a slipping wheel may turn several times as far as the robot moves
             forward, left, turn = interval.wheels.pose
             reach = 3.0 * (math.hypot(forward, left) + 0.5 * self._noise.wheel_base_m * abs(turn)) + 0.05
             covariance = covariance + np.diag([reach, reach, 2.0 * reach / self._noise.wheel_base_m]) ** 2
@@ -166,7 +166,7 @@ def joint_covariance(linear: gtsam.GaussianFactorGraph, keys: Sequence[int], siz
 
 
 class WindowGraph:
-    """The live estimate over the newest keyframes; its cost does not grow with the way.
+    """The live estimate over the newest keyframes; its cost does not grow with the distance driven.
 
     Attributes:
         history: the intervals that have left the window; None unless they are to be kept.
@@ -213,7 +213,7 @@ class WindowGraph:
             self._marginalise_oldest()
 
     def revise(self, end: int, **changes: Any) -> None:  # noqa: ANN401 each attribute has its own type
-        """Change what is known of an interval; without effect on one that has left the window."""
+        """Replace an interval; no effect if it has left the window."""
         oldest = self._intervals[0].end if self._intervals else end + 1
         if end < oldest:
             return
@@ -224,11 +224,11 @@ class WindowGraph:
     def optimize(self) -> GraphEstimate:
         """Estimate all variables of the window.
 
-        Where the camera's newest motion is so far off that there is no solution, the wheels alone bridge it.
+        If the newest camera motion is so wrong that there is no solution, only the wheels are used for it.
         """
         try:
             return self._solve()
-        except (RuntimeError, np.linalg.LinAlgError):  # gtsam's word for an indeterminate system, and numpy's
+        except (RuntimeError, np.linalg.LinAlgError):  # an indeterminate system, in gtsam and in numpy
             self.revise(self.newest, visual=None)
             return self._solve()
 
@@ -242,7 +242,7 @@ class WindowGraph:
         optimizer = gtsam.LevenbergMarquardtOptimizer(graph, self._values, self._parameters)
         values = optimizer.optimize()
         if not math.isfinite(optimizer.error()):
-            raise RuntimeError("a motion is beyond all numbers")
+            raise RuntimeError("a motion is not finite")
         estimate = self._estimate(values, graph.linearize(values))
         self._values = values
         return estimate
@@ -263,7 +263,7 @@ class WindowGraph:
         )
 
     def _marginalise_oldest(self) -> None:
-        """Eliminate the oldest node from the factors that touch it; what they say of the others becomes the prior."""
+        """Eliminate the oldest node from its factors; what remains on the other nodes becomes the prior."""
         interval = self._intervals.popleft()
         touching = gtsam.NonlinearFactorGraph()
         for factor in self._prior + self._factors.pop(interval.end):

@@ -1,4 +1,4 @@
-"""Which sensor is missing or not believed, and why."""
+"""Determines which sensor is missing or faulty, and why."""
 
 from typing import Optional, Tuple
 
@@ -9,11 +9,11 @@ from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, seconds
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
-SHOWN_S = 0.5  # a slip, a jump of the scale, a restarted counter stay in the reasons for so long
+SHOWN_S = 0.5  # a slip, a jump of the scale or a restarted counter stays in the reasons for this time
 
 
 class Health:
-    """Remembers when each sensor was last heard of and in what condition."""
+    """Stores when the last data of each sensor arrived, and its state."""
 
     def __init__(self, config: FusionConfig) -> None:
         self._config = config
@@ -67,7 +67,7 @@ class Health:
 
 def _scale(now_ns: int, backend: KeyframeBackend) -> str:
     if backend.off_floor:
-        return "camera: moved as a robot on a floor cannot"
+        return "camera: motion impossible for a robot on a floor"
     if seconds(now_ns - backend.jump_ns) < SHOWN_S:
         return "scale: jumped"
     if backend.scale_known:

@@ -1,9 +1,9 @@
 """Follows the keyframes of the visual odometry and the relative motions between them.
 
 The odometry refines the keyframes of its window with every new one, and all of them together: its window may drift as a
-whole. Two poses belong together only as of the same status. So the motion between two consecutive keyframes is taken
-from the last status that holds both: after that one of them is no longer refined. Motions between consecutive keyframes
-are enough, since they carry all that the chain of poses says, and their errors are nearly independent.
+whole. Two poses may only be compared if they come from the same status. So the motion between two consecutive
+keyframes is taken from the last status that contains both; after that one of them is no longer refined. Motions between
+consecutive keyframes contain all information of the chain of poses, and their errors are nearly independent.
 """
 
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence

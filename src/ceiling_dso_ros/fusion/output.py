@@ -1,8 +1,8 @@
-"""The published pose and twist: continuous, at the wheels' rate, drawn to the best estimate.
+"""The published pose and twist: continuous, at the wheels' rate, converging to the best estimate.
 
-The best estimate is the graph's newest keyframe and the motion since (`RelativeFilter`). The graph has used all that
-was measured up to that keyframe, so there its estimate replaces the filter's: weighing the two as if they were
-independent would gain nothing and make the covariance a lie.
+The best estimate is the graph's newest keyframe and the motion since (`RelativeFilter`). The graph has used all
+measurements up to that keyframe, so at the keyframe its estimate replaces the filter's. Combining the two as if they
+were independent would not add information and would make the covariance too small.
 """
 
 import math
@@ -31,8 +31,8 @@ class Estimate:
 class BlendedPose:
     """Follows the motion of the best estimate at once and its corrections gradually.
 
-    A correction is what the best estimate changes beyond its motion. It decays with a time constant and within bounds
-    per output, so that the pose stays continuous, as REP-105 wants `odom`.
+    A correction is the change of the best estimate beyond the motion. It is applied with a time constant and with a
+    limit per output, so that the pose stays continuous, as REP-105 requires for `odom`.
 
     Attributes:
         config: of the output; may be changed between two of them.
@@ -52,7 +52,7 @@ class BlendedPose:
             target: the best estimate now.
 
         Returns:
-            The pose to publish; its covariance holds what is still missing to the target.
+            The pose to publish; its covariance includes the remaining distance to the target.
         """
         config = self.config
         self.pose = planar.compose(self.pose, motion)
@@ -68,7 +68,7 @@ class BlendedPose:
 
 
 class TwistFilter:
-    """Kalman filter of forward speed and yaw rate, whose accelerations are white."""
+    """Kalman filter of forward speed and yaw rate, with white-noise acceleration."""
 
     def __init__(self, config: OutputConfig, noise: WheelNoise) -> None:
         self._noise = noise
@@ -144,13 +144,13 @@ class LiveOutput:
         self._twist.configure(config)
 
     def restart(self, estimate: GraphEstimate, events: Sequence[Union[WheelStep, Sighting]]) -> None:
-        """Go on from the graph's newest keyframe; events are the wheel steps and sightings after it."""
+        """Continue from the graph's newest keyframe; events are the wheel steps and sightings after it."""
         self._keyframe = Estimate(estimate.pose, estimate.covariance)
         self._relative.restart(estimate.stamp_ns, estimate.constants, estimate.constants_covariance, events)
 
     def predict(self, step: WheelStep, slipping: bool) -> WheelStep:
-        """Take in the newest wheel step; returns what is believed of it."""
-        if slipping:  # the robot is taken to go on as it did; the images will correct that
+        """Add the newest wheel step; returns the step to use, which is a prediction if the sample was not usable."""
+        if slipping:  # the robot is assumed to keep its velocity; images correct that
             forward, turn = step.duration_s * self.twist
             step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
         elif step.known:
@@ -176,6 +176,6 @@ class LiveOutput:
         )
         blended = self._blended.follow(planar.expmap(step.twist), step.duration_s, best)
         covariance = planar.rotate_covariance(blended.covariance, blended.pose[2])
-        position = blended.pose[:2]  # a wrong mean radius scales the whole way
+        position = blended.pose[:2]  # a wrong mean radius scales the whole path
         covariance[:2, :2] += self._noise.config.radius_sigma**2 * np.outer(position, position)
         return Estimate(blended.pose, covariance), self.twist, self._twist.covariance

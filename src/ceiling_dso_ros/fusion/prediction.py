@@ -1,4 +1,4 @@
-"""How the camera has moved by the wheels: a hypothesis for the tracking of the next image."""
+"""Motion of the camera by the wheels: a hypothesis for the tracking of the next image."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def predict_camera_motion(
     start_ns: int,
     end_ns: int,
 ) -> CameraMotion:
-    """The wheels' motion in the camera's frame and unit; after the newest sample they are taken to go on as before.
+    """The wheels' motion in the camera's frame and unit; after the newest sample the velocity is assumed constant.
 
     Args:
         track: the wheels.

@@ -16,7 +16,7 @@ GATE = 30.0  # chi-square of three degrees of freedom: passed by all but one in 
 
 @dataclass(frozen=True)
 class Sighting:
-    """Pose of the base at an image as the camera sees it from the keyframe.
+    """Pose of the base at an image relative to the keyframe, measured by the camera.
 
     Attributes:
         stamp_ns: of the image.
@@ -53,9 +53,9 @@ class _Entry:
 
 
 class RelativeFilter:
-    """An error-state filter that takes late images at their own time and replays the wheels after them.
+    """An error-state filter. A late image is applied at its own stamp, and the wheel steps after it are replayed.
 
-    The constants of the wheels are states, since within a second of blindness they weigh more than the white noise.
+    The constants of the wheels are states: within a second without camera their error exceeds the white noise.
 
     Args:
         noise: of the wheels.
@@ -154,7 +154,7 @@ class RelativeFilter:
         return RelativeState(step.end_ns, pose, state.constants, self._filter.P)
 
     def _corrected(self, state: RelativeState, sighting: Sighting) -> RelativeState:
-        """Kalman update of the error state; wheels that contradict the image are not believed up to here."""
+        """Kalman update of the error state; if the wheels contradict the image, their steps up to here are not used."""
         error = planar.between(state.pose, sighting.pose)
         covariance = state.covariance
         spread = covariance[:3, :3] + sighting.covariance

@@ -1,4 +1,4 @@
-"""Where wheels and camera contradict each other: slipping wheels, or a jump of the visual scale."""
+"""Compares wheels and camera to detect slipping wheels and jumps of the visual scale."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
 @dataclass(frozen=True)
 class SlipReport:
-    """A time during which the wheels were not believed: stamps in nanoseconds."""
+    """A time during which the wheels slipped: stamps in nanoseconds."""
 
     start_ns: int
     end_ns: int
@@ -28,8 +28,8 @@ class Disagreement:
 
     Attributes:
         turn_rad, forward_m: the differences.
-        turn_variance, forward_variance: what wheels and camera explain of them, rad^2 and m^2.
-        distance_m: how far the camera says that the base went ahead.
+        turn_variance, forward_variance: their expected variances, rad^2 and m^2.
+        distance_m: forward distance of the base by the camera.
     """
 
     turn_rad: float
@@ -42,11 +42,11 @@ class Disagreement:
 class SlipMonitor:
     """Compares wheels and camera interval by interval.
 
-    The turn needs no scale and is compared always, the distance once the scale is known. A distance that is wrong for a
-    while is slip; one that stays wrong by the same factor, while the turns agree, is a jump of the visual scale.
+    The turn needs no scale and is always compared, the distance once the scale is known. A distance that is wrong for
+    some time is slip. One that stays wrong by the same factor, while the turns agree, is a jump of the visual scale.
 
     Attributes:
-        reports: the slips so far, near ones joined.
+        reports: the slips so far; slips close in time are joined.
     """
 
     def __init__(self, config: FusionConfig, noise: WheelNoise) -> None:
@@ -71,13 +71,13 @@ class SlipMonitor:
         )
 
     def beyond_gate(self, found: Disagreement, scale_known: bool) -> bool:
-        """Whether a difference is larger than wheels and camera explain; without scale only the turn counts."""
+        """Whether a difference exceeds its expected variance; without a scale only the turn is tested."""
         return self._turn_beyond(found) or (
             scale_known and found.forward_m**2 > self._config.slip.gate * found.forward_variance
         )
 
     def slips(self, interval: Interval, found: Disagreement, scale_known: bool) -> bool:
-        """Whether the wheels slip between two keyframes; to be asked once for each interval, in order."""
+        """Whether the wheels slip between two keyframes; call it once for each interval, in order."""
         if self._turn_beyond(found) or not scale_known:
             self._recent.clear()
         else:
@@ -109,7 +109,7 @@ class SlipMonitor:
         return found.turn_rad**2 > self._config.slip.gate * found.turn_variance
 
     def forget(self, start_ns: int) -> None:
-        """Withdraw what was reported since: it was no slip."""
+        """Withdraw the reports since then: they were not slips."""
         kept = [report for report in self.reports if report.start_ns < start_ns]
         self.reports = [SlipReport(report.start_ns, min(report.end_ns, start_ns)) for report in kept]
 

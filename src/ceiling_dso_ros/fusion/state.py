@@ -1,4 +1,4 @@
-"""What the fusion says: values, never flags to poll."""
+"""Outputs of the fusion."""
 
 import enum
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ import numpy as np
 
 
 class FusionState(enum.Enum):
-    """How far the fused pose can be trusted; it is metric in every state."""
+    """Quality of the fused pose, which is metric in every state."""
 
     NOT_SCALED = "not scaled"  # the scale of the camera was never known yet: the pose is wheel odometry
     CONVERGED = "converged"  # wheels and camera agree and the scale is known
-    DEGRADED = "degraded"  # one of the two is missing or not believed: the reasons say which
+    DEGRADED = "degraded"  # one of the two is missing or faulty: the reasons say which
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the visual odometry says about the robot: its motion in the plane between two images, in visual units."""
+"""Motion of the robot in the plane between two images by the visual odometry, in VO units."""
 
 import math
 from dataclasses import dataclass
@@ -37,11 +37,11 @@ class VisualMotion:
         return VisualMotion(t[:2], float(t[2]), yaw, R[:2, 2], T_base_camera[:3, 3])
 
     def on_floor(self, config: VisualConfig) -> bool:
-        """Whether a robot on a floor can have moved so."""
+        """Whether the motion is possible for a robot on a floor."""
         return bool(np.hypot(*self.tilt) < config.tilt_limit_rad and abs(self.climb) < self._stray_limit(config))
 
     def on_wheels(self, scale: float, config: VisualConfig) -> bool:
-        """Whether its wheels can have moved it so, along about an arc; scale is metres per unit."""
+        """Whether the motion is possible for the wheels: approximately an arc; scale is metres per unit."""
         forward, left, turn = self.base_motion(scale)
         sideways = left * math.cos(0.5 * turn) - forward * math.sin(0.5 * turn)
         return bool(abs(sideways) < scale * self._stray_limit(config))
@@ -53,8 +53,7 @@ class VisualMotion:
     def lever_shift(self, yaw: float) -> np.ndarray:
         """(2,) metres that the camera moves when the base turns on the spot by yaw and tilts as measured.
 
-        The camera sits high above the floor, so that a tilt of a milliradian moves it by as many millimetres as it is
-        metres high.
+        The camera is high above the floor: at a height of 1 m, a tilt of 1 mrad moves it by 1 mm.
         """
         lever = self.lever_m[:2]
         return planar.rotation(yaw) @ lever - lever + self.lever_m[2] * self.tilt

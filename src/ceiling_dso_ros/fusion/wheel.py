@@ -1,8 +1,8 @@
 """Wheel odometry of a differential drive: samples to steps, steps to motions with covariance.
 
 A step is an arc driven with constant twist between two samples, integrated exactly by `planar.expmap`. The motion over
-several steps keeps apart what its error comes from: white noise of the wheels, and constants of the robot (mean radius,
-ratio of the radii, wheel base) through the derivative of the pose by their logarithms.
+several steps keeps two sources of error separate: white noise of the wheels, and the constants of the robot (mean
+radius, ratio of the radii, wheel base), with the derivative of the pose by their logarithms.
 """
 
 import math
@@ -23,12 +23,12 @@ TwistOf = Callable[[np.ndarray, np.ndarray, float], Optional[np.ndarray]]
 
 @dataclass(frozen=True)
 class WheelStep:
-    """What the wheels did between two samples.
+    """Motion of the wheels between two samples.
 
     Attributes:
         start_ns, end_ns: stamps of the samples, nanoseconds.
         twist: (3,) arc in the base frame at the start: forward m, left m, turn rad.
-        known: False when the samples do not tell (a counter was restarted): the twist is then a guess.
+        known: False when the samples are not usable (a counter was restarted); the twist is then a guess.
     """
 
     start_ns: int
@@ -86,7 +86,7 @@ class WheelNoise:
     resolution_m: float  # what one tick is on the floor
 
     def white(self, step: WheelStep) -> np.ndarray:
-        """(3, 3) covariance of the twist: each wheel's distance errs by noise_m_per_sqrt_m sqrt(distance)."""
+        """(3, 3) covariance of the twist: the error of each wheel's distance is noise_m_per_sqrt_m sqrt(distance)."""
         forward, left, turn = step.twist
         half_base = 0.5 * self.wheel_base_m
         k2 = self.config.noise_m_per_sqrt_m**2
@@ -122,7 +122,7 @@ class WheelNoise:
         )
 
     def way_m(self, motion: WheelMotion) -> float:
-        """How far the wheels rolled, ahead and turning taken apart, less what they rolled back."""
+        """Distance that the wheels rolled, for driving and turning separately, minus the distance rolled back."""
         return self.wheel_base_m * (abs(motion.jacobian[2, 1]) + 0.5 * abs(motion.jacobian[2, 2]))
 
     def constants_covariance(self, with_radius: bool) -> np.ndarray:
@@ -132,7 +132,7 @@ class WheelNoise:
 
     @property
     def resolution(self) -> np.ndarray:
-        """(3, 3) covariance of a motion from its ends, at which a wheel's position is known to one tick."""
+        """(3, 3) covariance of a motion from the tick resolution at its two ends."""
         tick = self.resolution_m / math.sqrt(6.0)
         return np.diag([tick, tick, 2.0 * tick / self.wheel_base_m]) ** 2
 
@@ -142,7 +142,7 @@ class WheelNoise:
 
 
 class WheelOdometry:
-    """Dead reckoning from encoder samples, or from an odometry that the robot has already.
+    """Dead reckoning from encoder samples, or from the robot's own odometry.
 
     Attributes:
         message: what was wrong with the last sample, in words; empty when nothing was.
@@ -168,7 +168,7 @@ class WheelOdometry:
 
     @property
     def heard(self) -> bool:
-        """Whether there was a first sample, from which motion is counted."""
+        """Whether there was a first sample, the origin of the motion."""
         return self._last is not None
 
     @property
@@ -222,7 +222,7 @@ class WheelOdometry:
         known = twist is not None
         if twist is not None:
             self._rate = twist / dt
-        else:  # the best guess is that the robot went on as before, for a short while
+        else:  # the best guess is that the robot kept its velocity for a short time
             twist = self._rate * min(dt, self._config.silence_s)
             self.message = f"wheels: impossible motion before {_text(stamp_ns)}, counters restarted?"
         step = WheelStep(last_ns, stamp_ns, twist, known)

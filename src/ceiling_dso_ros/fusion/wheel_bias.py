@@ -1,8 +1,8 @@
-"""How the wheels have erred of late, learnt beside the camera, to bridge the times when it sees nothing.
+"""Estimates the current errors of the wheel constants while the camera tracks, for times when it does not.
 
-The configured constants stay as they are. What load, tyres and floor make of them is a slowly varying state c =
-logarithms of wheel ratio and wheel base relative to nominal. It returns to nominal over a way (first-order
-Gauss-Markov) and shows in the camera's yaw psi against the wheels' phi:
+The configured constants do not change. Load, tyres and floor change the true ones, which is described by a slowly
+varying state c = logarithms of wheel ratio and wheel base relative to nominal. It returns to nominal over a distance
+(first-order Gauss-Markov process) and is observed by the camera's yaw psi against the wheels' phi:
 
     c' = a c + w,    a = exp(-way / WANDER_WAY_M),    cov w = (1 - a^2) P_0,    psi - phi = J_phi c + v
 """
@@ -17,14 +17,14 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
-WANDER_WAY_M = 100.0  # of the wheels; what was learnt so long ago says little of now
+WANDER_WAY_M = 100.0  # correlation distance of c, driven by the wheels
 
 
 class WheelBias:
     """Kalman filter of c over the intervals between keyframes.
 
     Args:
-        noise: error model of the wheels; its sigmas of the constants are those of c before anything is learnt.
+        noise: error model of the wheels; its sigmas of the constants are the initial sigmas of c.
         yaw_sigma_rad: of the camera between two keyframes.
     """
 
@@ -47,7 +47,7 @@ class WheelBias:
         return self._filter.P
 
     def learn(self, interval: Interval) -> None:
-        """Take in the newest interval, its wheels uncorrected; without camera, or of slip, it tells nothing."""
+        """Update with the newest interval, wheels uncorrected; intervals without camera or with slip are ignored."""
         wheels = interval.wheels
         kept = math.exp(-self._noise.way_m(wheels) / WANDER_WAY_M)
         self._filter.predict(F=kept * np.eye(2), Q=(1.0 - kept**2) * self._prior)
@@ -58,7 +58,7 @@ class WheelBias:
         self._filter.update(turn, R=variance, H=wheels.jacobian[2:, 1:])
 
     def bridge(self, corrected: WheelMotion) -> WheelMotion:
-        """A motion that was corrected by c, with the error that c still has among its noise."""
+        """A motion corrected by c, whose noise includes the uncertainty of c."""
         by_constants = corrected.jacobian[:, 1:]
         noise = corrected.noise + by_constants @ self.covariance @ by_constants.T
         radius_alone = corrected.jacobian * [1.0, 0.0, 0.0]

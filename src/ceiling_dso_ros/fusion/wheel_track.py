@@ -1,4 +1,4 @@
-"""The recent wheel steps, from which the motion between any two recent stamps can be had."""
+"""The recent wheel steps, which give the motion between any two recent stamps."""
 
 from collections import deque
 from typing import Deque, List, Optional, Sequence
@@ -10,7 +10,7 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 
 
 class WheelTrack:
-    """Remembers the last seconds of steps, and the motion since a mark however long ago that was set.
+    """Stores the steps of the last seconds, and the motion since a mark, however long ago it was set.
 
     Steps that become older than the horizon are folded into the motion since the mark, so that the memory does not grow
     while no mark is set. Images of a visual odometry arrive later than the wheels, by its computing time or, when it
@@ -73,7 +73,7 @@ class WheelTrack:
         return self._extend(self._corrected, self._correct(self.steps(self._corrected.end_ns, end_ns)))
 
     def mark(self, stamp_ns: int, constants: np.ndarray) -> None:
-        """Begin the motion since the mark anew.
+        """Set a new mark.
 
         Args:
             stamp_ns: one that `since_mark` has accepted.

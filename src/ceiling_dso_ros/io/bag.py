@@ -31,7 +31,7 @@ DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
 class BagRecording(Recording):
     """A ROS 1 bag, read message by message; only exposures and wheel data are held in memory.
 
-    Beside `tour.bag` may lie `tour.robot.yaml` and `tour.groundtruth.tum`.
+    The files `tour.robot.yaml` and `tour.groundtruth.tum` beside `tour.bag` are optional.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class BagRecording(Recording):
         camera_file: Optional[Path] = None,
         robot_file: Optional[Path] = None,
     ) -> None:
-        """Look for the images and their calibration.
+        """Open the bag and find the images and their calibration.
 
         Raises:
             InputError: the bag cannot be read, or what is needed is not in it.

@@ -1,4 +1,4 @@
-"""Streams messages out of ROS 1 bags; whatever is wrong with a bag becomes an InputError of one line."""
+"""Streams messages from ROS 1 bags; any problem with a bag is reported as an InputError of one line."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +13,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 
 
 class RawMessage(NamedTuple):
-    """A message as it lies in the bag.
+    """A message as stored in the bag.
 
     Attributes:
         topic: its topic.
@@ -58,7 +58,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
             yield reader
     except (InputError, FrameError):
         raise
-    except Exception as error:  # rosbags meets damaged bytes with errors of any kind
+    except Exception as error:  # rosbags raises errors of any kind for damaged bytes
         raise InputError(
             f"{path}: the bag is not indexed or damaged ({str(error) or type(error).__name__}); "
             "'rosbag reindex' may repair it"

@@ -1,4 +1,4 @@
-"""Trajectories out of the poses that somebody has published and recorded."""
+"""Trajectories from recorded pose topics."""
 
 from pathlib import Path
 from typing import Callable, Dict, List, Tuple

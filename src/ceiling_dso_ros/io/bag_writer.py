@@ -22,7 +22,7 @@ class BagWriter(MessageWriter):
     """A ROS 1 bag that grows with every call; a context manager.
 
     Like `rosbag record` it writes to `<path>.active` and renames that when it is closed, also after an exception or
-    Ctrl-C: what has its final name is whole and indexed. A bag that was there before is replaced.
+    Ctrl-C. So a bag with its final name is complete and indexed. An existing bag is replaced.
 
     Raises:
         OutputError: the file cannot be written, from the constructor or any method.
@@ -76,8 +76,8 @@ class BagWriter(MessageWriter):
             self._abandon(error)
 
     def _abandon(self, error: OSError) -> None:
-        """Remove what was written: without its index it is of no use."""
-        with suppress(OSError):  # what is still in the buffer finds no room either
+        """Remove the unfinished bag, which cannot be used without its index."""
+        with suppress(OSError):  # the rest of the buffer does not fit on the disk either
             self._file.close()
         self._active.unlink(missing_ok=True)
         raise OutputError(f"{self.path}: cannot write the bag, it was removed: {error.strerror}") from error

@@ -85,7 +85,7 @@ def calibration_from_camera_info(
     Args:
         width: pixels.
         height: pixels.
-        distortion_model: plumb_bob, rational_polynomial or equidistant; of no importance where D is empty or zero.
+        distortion_model: plumb_bob, rational_polynomial or equidistant; not used where D is empty or zero.
         D: coefficients of the raw image.
         K: (9,) or (3, 3) of the raw image.
         P: (12,) or (3, 4), needed when rectified.

@@ -1,4 +1,4 @@
-"""What can go wrong with files and frames. Every message is one line: where, what, and what to do."""
+"""Errors of files and frames. Every message is one line: where, what is wrong, and what to do."""
 
 
 class InputError(Exception):

@@ -1,17 +1,17 @@
-"""Thins images to a rate, by their stamps alone, so that live and offline choose the same ones."""
+"""Reduces the rate of images by their stamps alone, so that live and offline runs select the same images."""
 
 from typing import Optional
 
-EARLY_SHARE, EARLY_NS = 0.25, 10_000_000  # of a period, and at most, that an image may come early: cameras jitter
-BACKWARDS_PERIODS = 2.0  # time that goes back further is another run; less are images out of order
+EARLY_SHARE, EARLY_NS = 0.25, 10_000_000  # how early an image may be because of jitter: share of a period, and maximum
+BACKWARDS_PERIODS = 2.0  # a larger jump backwards means another run; a smaller one means images out of order
 
 
 class FrameRateLimit:
-    """Lets images pass at about a rate.
+    """Selects images at about a given rate.
 
-    The images that pass lie near the ticks of a clock of that rate, which starts with the first image and again after a
-    gap or when time goes back. So the mean rate is kept where the camera's rate is no multiple of it, and a camera that
-    is slower than the rate loses nothing.
+    The selected images are near the ticks of a clock with that rate. The clock starts with the first image, and again
+    after a gap or when time goes back. So the mean rate is right also if the camera's rate is not a multiple of it, and
+    no image of a slower camera is left out.
 
     Attributes:
         frame_rate: images a second; 0 lets all pass. May be changed at any time.
@@ -22,7 +22,7 @@ class FrameRateLimit:
         self._due_ns: Optional[int] = None  # of the next tick
 
     def passes(self, stamp_ns: int) -> bool:
-        """Whether the image of this stamp, nanoseconds, is to be used; to be asked once for each image, in order."""
+        """Whether to use the image with this stamp, nanoseconds; call it once for each image, in order."""
         if self.frame_rate <= 0.0:
             return True
         period_ns = round(1e9 / self.frame_rate)

@@ -1,4 +1,4 @@
-"""Grey images out of the bytes of messages and files."""
+"""Decodes grey images from the bytes of messages and files."""
 
 from typing import Dict, NamedTuple, Optional, Union
 

@@ -1,4 +1,4 @@
-"""Scales images down, for computers that are too slow for all of their pixels."""
+"""Scales images down, for slow computers."""
 
 import re
 from typing import Tuple
@@ -23,14 +23,14 @@ def parse_image_size(text: str, source: str) -> Tuple[int, int]:
 
 
 class ImageScaler:
-    """Makes images smaller by averaging over areas, so that nothing finer than the new pixels remains.
+    """Scales images down by area averaging, so that there is no aliasing.
 
     Attributes:
-        camera: of the images that come out.
+        camera: camera of the scaled images.
     """
 
     def __init__(self, camera: PinholeCamera, size: Tuple[int, int]) -> None:
-        """Take the camera of the images that go in and (width, height) of those that come out.
+        """Prepare for the camera of the original images and the (width, height) of the scaled ones.
 
         Raises:
             InputError: the size is larger than the images, or smaller than a camera may be.

@@ -1,4 +1,4 @@
-"""Ctrl-C, or SIGTERM, at a moment that does no harm."""
+"""Delays Ctrl-C and SIGTERM until they do no harm."""
 
 import signal
 import threading
@@ -13,8 +13,8 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 def deferred_interrupt() -> Iterator[None]:
     """Hold SIGINT and SIGTERM back until the end of the block.
 
-    So that what is written in it is whole, and because compiled code in which the signal's exception is raised makes a
-    SystemError of it.
+    So files written in the block are complete. Also, compiled code turns an exception that a signal raises in it into a
+    SystemError.
     """
     if threading.current_thread() is not threading.main_thread():  # signals only ever reach the main thread
         yield
@@ -35,7 +35,7 @@ def deferred_interrupt() -> Iterator[None]:
 
 
 def was_interrupt(error: Optional[BaseException]) -> bool:
-    """Whether an error is a KeyboardInterrupt, or what compiled code made of one."""
+    """Whether an error is a KeyboardInterrupt, or the SystemError that compiled code made from one."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None

@@ -1,4 +1,4 @@
-"""Refuses names that nobody reads: a misspelt setting would otherwise be ignored in silence."""
+"""Rejects unknown names: otherwise a misspelt setting would be ignored without a message."""
 
 from difflib import get_close_matches
 from typing import Any, Iterator, Mapping
@@ -11,11 +11,11 @@ def require_known(values: Mapping, known: Mapping, source: str) -> None:
 
     Args:
         values: names and values as given; a mapping among the values is a group.
-        known: the names that there are, nested likewise; what is no mapping here is a value of any kind.
-        source: names the file or node that they come from, for the message.
+        known: the known names, with the same nesting; an entry that is not a mapping stands for any value.
+        source: file or node of the values, for the message.
 
     Raises:
-        InputError: there is no such name, the message has the nearest one; or a group has a value.
+        InputError: a name is unknown (the message suggests the nearest one), or a group has a value.
     """
     for name in _unknown(values, known, ""):
         nearest = get_close_matches(name, list(all_names(known)), n=1)
@@ -27,7 +27,7 @@ def require_known(values: Mapping, known: Mapping, source: str) -> None:
 
 
 def all_names(known: Mapping, prefix: str = "") -> Iterator[str]:
-    """All names with dots between group and member, groups before what is in them."""
+    """All names with dots between group and member, each group before its members."""
     for name, value in known.items():
         yield f"{prefix}{name}"
         if isinstance(value, Mapping):
@@ -45,7 +45,7 @@ def _unknown(values: Mapping, known: Mapping, prefix: str) -> Iterator[str]:
 
 
 def _first_member(name: str, value: Any) -> str:  # noqa: ANN401
-    """Of an unknown group, so that the nearest name is looked for with all that is known."""
+    """The first member of an unknown group, so that the nearest name is searched among full names."""
     while isinstance(value, Mapping) and value:
         key, value = next(iter(value.items()))
         name = f"{name}.{key}"

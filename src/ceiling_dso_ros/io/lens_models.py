@@ -1,4 +1,4 @@
-"""How lenses project: the models of a raw camera, from rays to pixels.
+"""Lens models: projection of rays to pixels of a raw camera.
 
 A ray is given by its ideal pinhole coordinates x = X/Z, y = Y/Z in the camera's optical frame.
 """
@@ -12,7 +12,7 @@ import numpy as np
 Coefficients = Tuple[float, ...]
 Coordinates = Tuple[np.ndarray, np.ndarray]
 
-# Rays at a larger angle to the optical axis are useless in a pinhole image: it would be 11 times as wide as deep.
+# Rays at a larger angle to the optical axis are not used: at a depth of 1 the pinhole image would be 11 wide.
 MAX_ANGLE = np.radians(80.0)
 
 
@@ -65,7 +65,7 @@ class LensCamera:
         return np.stack([u, v], axis=1)
 
     def sees(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Whether rays (x, y, 1) hit the image, so that bilinear interpolation needs no pixel outside of it."""
+        """Whether rays (x, y, 1) hit the image so that bilinear interpolation needs no pixel outside it."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             u, v = self.pixels(x, y)
             inside = (u >= 0) & (u <= self.width - 1) & (v >= 0) & (v <= self.height - 1)
@@ -75,7 +75,8 @@ class LensCamera:
     def max_radius(self) -> float:
         """Largest hypot(x, y) up to which the model is valid.
 
-        The polynomial models fold back beyond some radius: rays from far outside would land in the image again.
+        Beyond this radius the polynomial models are not monotonic, and rays from outside would be projected into the
+        image.
         """
         radii = np.tan(np.linspace(0.0, MAX_ANGLE, 4000))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""Makes the messages of a robot with a camera, wherever they go."""
+"""Creates the messages of a robot with a camera, for a bag or for topics."""
 
 from abc import ABC, abstractmethod
 from typing import Dict, Iterable, Optional, Sequence, Tuple

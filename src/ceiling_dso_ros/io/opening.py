@@ -1,4 +1,4 @@
-"""Open whatever kind of recording a path names."""
+"""Opens a recording of any kind."""
 
 from pathlib import Path
 from typing import Optional, Union
@@ -19,7 +19,7 @@ def open_recording(
 
     Args:
         path: folder or bag.
-        topics: where to look in a bag.
+        topics: topic names in a bag.
         camera_file: a `camera.txt` instead of the recording's own calibration.
         robot_file: a `robot.yaml` instead of the folder's own, or of the one beside the bag (`tour.robot.yaml`).
 

@@ -1,4 +1,4 @@
-"""Chooses the pinhole that a raw camera is undistorted to.
+"""Chooses the pinhole camera to which raw images are undistorted.
 
 A view is the rectangle (left, right, top, bottom) of ideal coordinates x = X/Z, y = Y/Z at the centres of the outermost
 pixels, (4,) float64.
@@ -54,14 +54,14 @@ def full_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
 
 
 def _reach(lens: LensCamera, directions: np.ndarray) -> np.ndarray:
-    """How far the raw image extends from the optical axis along directions (N, 2), (N,) ideal coordinates."""
+    """Extent of the raw image from the optical axis along directions (N, 2): (N,) ideal coordinates."""
     furthest = np.full(len(directions), lens.max_radius)
     return furthest * _bisect(lambda s: lens.sees(*(directions * (s * furthest)[:, None]).T), len(directions))
 
 
 def _grow(lens: LensCamera, view: np.ndarray, wider: np.ndarray, furthest: np.ndarray) -> np.ndarray:
-    """Move a view as far towards a wider one, itself within furthest, as its whole border is seen."""
-    # The samples stay where they are while the view grows: one that touches the image's edge must not begin to slide.
+    """Extend a view towards a wider one as far as the raw image shows its whole border."""
+    # The samples do not move while the view grows: a sample at the edge of the image must stay there.
     x, y = (np.linspace(first, last, SAMPLES) for first, last in furthest.reshape(2, 2))
 
     def is_seen(s: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Photometric calibration: from raw grey levels to what the scene sent, equation (2) of the paper."""
+"""Photometric calibration: from raw grey levels to the irradiance of the scene, equation (2) of the paper."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""From a raw image to what the odometry works on."""
+"""From a raw image to the image that the odometry uses."""
 
 from typing import Optional, Tuple
 

@@ -1,4 +1,4 @@
-"""What a recording is, whether it comes from a folder or from a bag."""
+"""The interface of recordings, for folders and bags."""
 
 import enum
 from abc import ABC, abstractmethod
@@ -32,7 +32,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class SkippedFrame:
-    """Stands for an image that cannot be used.
+    """Placeholder for an image that cannot be used.
 
     Attributes:
         stamp_ns: nanoseconds, None when unknown.
@@ -116,8 +116,8 @@ class TopicNames:
 
     Attributes:
         image: sensor_msgs/Image or sensor_msgs/CompressedImage (`/compressed` may be left out).
-        camera_info: sensor_msgs/CameraInfo; None for the one beside the image topic.
-        exposure: ceiling_dso_ros/Exposure, optional in the bag; None for the one beside the image topic.
+        camera_info: sensor_msgs/CameraInfo; None for camera_info in the namespace of the image topic.
+        exposure: ceiling_dso_ros/Exposure, optional in the bag; None for exposure in the namespace of the image topic.
         left_ticks, right_ticks: std_msgs/Int32 counters of the wheels, optional in the bag.
         joint_states: sensor_msgs/JointState with the wheels' angles, used where there are no ticks.
         left_joint, right_joint: names of the wheels in it; empty for those that contain left and right.
@@ -139,7 +139,7 @@ class TopicNames:
 
 
 class Recording(ABC):
-    """A camera's images with their calibration, and whatever else was recorded.
+    """A camera's images with their calibration, and optional wheel and reference data.
 
     Attributes:
         path: the folder or the bag.
@@ -158,7 +158,7 @@ class Recording(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """Number of images listed, good or bad."""
+        """Number of images listed, including unusable ones."""
 
     @abstractmethod
     def images(self) -> Iterator[ListedImage]:

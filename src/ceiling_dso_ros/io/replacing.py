@@ -1,4 +1,4 @@
-"""Files that are written in one go."""
+"""Files that are replaced only when they are complete."""
 
 from pathlib import Path
 from typing import Union

@@ -1,4 +1,4 @@
-"""The dimensions of a robot as `robot.yaml` and the ROS parameters `~robot/...` hold them."""
+"""Dimensions of a robot in `robot.yaml` and in the ROS parameters `~robot/...`."""
 
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Sequence
@@ -47,8 +47,8 @@ def robot_from_values(values: Mapping, source: str, T_base_camera: Optional[np.n
     Args:
         values: ticks_per_turn, wheel_radius [left, right] and wheel_base in metres, T_base_camera {xyz, quat_xyzw}, and
             optionally camera_time_offset in seconds.
-        source: where they come from, for the message.
-        T_base_camera: (4, 4), where it is not among them, or empty.
+        source: file or parameter of the values, for the message.
+        T_base_camera: (4, 4), used if the values have none.
 
     Raises:
         InputError: a value is missing, unknown or impossible.

@@ -1,4 +1,4 @@
-"""ROS 1 messages without ROS: their types and the parts that many of them share."""
+"""ROS 1 messages without ROS: their types and common parts."""
 
 from typing import Any, Dict, Sequence, Tuple, Union
 

@@ -1,4 +1,4 @@
-"""The static frames of a robot, as /tf_static has them."""
+"""The static transforms of a robot, from /tf_static."""
 
 from typing import Dict, Iterable, Optional, Tuple
 
@@ -11,7 +11,7 @@ class StaticTransforms:
     """A tree of frames."""
 
     def __init__(self, messages: Iterable[RosMessage]) -> None:
-        """Take over tf2_msgs/TFMessage messages; the last one about a frame counts."""
+        """Read tf2_msgs/TFMessage messages; the last transform of a frame is used."""
         self._parents: Dict[str, Tuple[str, np.ndarray]] = {}
         for message in messages:
             for transform in message.transforms:

@@ -1,4 +1,4 @@
-"""Counters of two wheels that come on topics of their own; the nodes and the offline runs pair them alike."""
+"""Pairs the counters of two wheels from separate topics, in the same way for nodes and offline runs."""
 
 from typing import Dict, NamedTuple, Optional, Tuple
 
@@ -14,13 +14,13 @@ class WheelCounters(NamedTuple):
 
 
 class TickPairs:
-    """Puts the newest counters of both wheels together; each is used once."""
+    """Combines the newest counters of both wheels; each is used once."""
 
     def __init__(self) -> None:
         self._waiting: Dict[str, Tuple[int, int]] = {}
 
     def add(self, side: str, stamp_ns: int, ticks: int) -> Optional[WheelCounters]:
-        """Take in the counter of the `left` or `right` wheel; returns both when they are there and belong together.
+        """Add the counter of the `left` or `right` wheel; returns a pair when both have arrived with near stamps.
 
         Args:
             side: left or right.

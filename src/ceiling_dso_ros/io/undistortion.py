@@ -10,7 +10,7 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration
 
 
 def undistortion_maps(calibration: CameraCalibration) -> Tuple[np.ndarray, np.ndarray]:
-    """Where each pixel of the output lies in the raw image.
+    """Position of each output pixel in the raw image.
 
     Returns:
         u and v, (height, width) float32 each, of the output's size.
@@ -32,8 +32,10 @@ class Undistorter:
     def undistort(self, image: np.ndarray) -> np.ndarray:
         """Undistort a raw image (H, W) float32 or uint8 to (height, width) float32 of the output camera.
 
-        Where an output shows more than the raw image (`full`), its border is repeated outwards: a black one would be
-        an edge that moves with the camera. An image that needs no undistortion is returned itself if it is float32.
+        Where an output shows more than the raw image (`full`), the border pixels are repeated outwards: a black area
+            would
+        have an edge that moves with the camera. An image that needs no undistortion is returned itself if it is
+        float32.
         """
         image = image.astype(np.float32, copy=False)
         if self._maps is None:

@@ -1,10 +1,10 @@
-"""The two wheels among the joints of a robot; the nodes and the offline runs find them alike."""
+"""Finds the two wheels among the joints of a robot, in the same way for nodes and offline runs."""
 
 from typing import List, Optional, Sequence, Tuple
 
 
 class WheelJoints:
-    """Finds the angles of the left and the right wheel in what a joint_states message holds."""
+    """Finds the angles of the left and the right wheel in a joint_states message."""
 
     def __init__(self, left_joint: str = "", right_joint: str = "") -> None:
         """Take the names of the joints; an empty one means the only joint whose name contains the side."""

@@ -1,4 +1,4 @@
-"""Wheel encoders out of ROS messages."""
+"""Wheel encoder counters from ROS messages."""
 
 from typing import Iterable, List, Optional, Sequence, Tuple
 

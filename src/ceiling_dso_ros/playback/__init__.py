@@ -1,1 +1,1 @@
-"""One run over a recording: the odometry, the fusion beside it, and what is kept of them."""
+"""One run over a recording: odometry, fusion, and their results."""

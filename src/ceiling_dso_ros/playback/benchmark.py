@@ -1,4 +1,4 @@
-"""Measures what a recording costs: time per kind of frame and per stage, peak memory, the speed factor."""
+"""Measures the cost of a recording: time per kind of frame and per stage, peak memory, speed factor."""
 
 import json
 import resource
@@ -66,7 +66,7 @@ def run_once(playback: Playback, frames: Iterable[Any]) -> BenchmarkRun:
 
 
 def summarize(runs: Sequence[BenchmarkRun]) -> Dict[str, Any]:
-    """What the benchmark writes as JSON: medians over one run or more, in milliseconds and in the machine's unit.
+    """Result for benchmark.json: medians over one or more runs, in milliseconds and in the machine's unit.
 
     The speed factor is 1 / (t_F f), with the mean time t_F of a frame and the frame rate f.
     """

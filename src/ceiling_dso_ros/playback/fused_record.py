@@ -1,4 +1,4 @@
-"""What the fusion has published, as an offline run writes it and fusion_node's service ~save_trajectory."""
+"""Stores the fusion's outputs, for offline runs and fusion_node's service ~save_trajectory."""
 
 from array import array
 from typing import Dict, Iterable, Sequence
@@ -20,7 +20,7 @@ class FusedRecord:
         self._wheel = array("d")
 
     def add(self, state: FusedState, wheel_pose: np.ndarray) -> None:
-        """Remember an output, and the (3,) pose by the wheels alone."""
+        """Store an output, and the (3,) pose by the wheels alone."""
         self._stamps_ns.append(state.stamp_ns)
         self._fused.extend(state.pose)
         self._wheel.extend(wheel_pose)
@@ -34,7 +34,7 @@ class FusedRecord:
         return _trajectory(self._stamps_ns, np.reshape(self._fused, (-1, 3)))
 
     def files(self, smoothed: Sequence[SmoothedNode]) -> Dict[str, Trajectory]:
-        """The trajectories by the names of their files; smoothed: the keyframes by the graph of all data."""
+        """The trajectories by their file names; smoothed: the keyframes as the graph of all data estimates them."""
         return {"wheel": self.wheel(), "fused": self.fused(), "fused_smoothed": smoothed_trajectory(smoothed)}
 
 

@@ -1,4 +1,4 @@
-"""Plays a recording's wheels into the fusion beside the odometry, as a robot would deliver them."""
+"""Plays a recording's wheel samples into the fusion together with the odometry, as on a robot."""
 
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
@@ -18,7 +18,7 @@ from ceiling_dso_ros.playback.wheel_playback import WheelPlayback
 
 
 def robot_model(robot: RobotDescription) -> RobotModel:
-    """What the fusion must know of a recorded robot.
+    """Robot model of the fusion for a recorded robot.
 
     Raises:
         ConfigError: the camera does not look up, or a dimension is out of range.
@@ -35,8 +35,8 @@ def robot_model(robot: RobotDescription) -> RobotModel:
 class FusionPlayback:
     """One run of the fusion over a recording.
 
-    Every sample and every image is taken in at its stamp, as if computing took no time; the fused trajectory holds what
-    would have been published then, and nothing that was learnt later.
+    Every sample and every image is used at its stamp, as if the computation took no time. The fused trajectory contains
+    what would have been published at that time, without later information.
 
     Attributes:
         estimator: the fusion.
@@ -61,15 +61,15 @@ class FusionPlayback:
         return cls(recording.wheels, robot_model(recording.robot), config)
 
     def add(self, status: OdometryStatus) -> None:
-        """Take in an image's result, and before it the wheel samples up to its stamp."""
+        """Add the result of an image, after the wheel samples up to its stamp."""
         self._play_wheels(status.stamp_ns)
         self.estimator.add_keyframes(status)
         self.estimator.add_frame(status)
 
     def predicted_motion(self, last: OdometryStatus, stamp_ns: int) -> Optional[CameraMotion]:
-        """How the camera has moved since the last image, which was added, by the wheels up to the next one.
+        """Motion of the camera by the wheels, from the last image that was added to the next one.
 
-        None when nothing is known in the unit of the last image's segment.
+        None if there is no scale for the last image's segment.
         """
         self._play_wheels(stamp_ns)
         if last.state is not TrackingState.TRACKING or self.estimator.scale.segment != last.segment:
@@ -77,7 +77,7 @@ class FusionPlayback:
         return self.estimator.predict_camera_motion(last.stamp_ns, stamp_ns)
 
     def finish(self) -> None:
-        """Take in the wheel samples after the last image, and what has waited for more."""
+        """Add the wheel samples after the last image, and use all data that waited for them."""
         self._play_wheels()
         self.estimator.finish()
 
@@ -96,11 +96,11 @@ class FusionPlayback:
         return self._fused
 
     def wheel(self) -> Trajectory:
-        """The wheels alone, at every sample but the first."""
+        """The wheels alone, at every sample except the first."""
         return self._record.wheel()
 
     def smoothed(self) -> Trajectory:
-        """The keyframes by the graph of all that was taken in."""
+        """The keyframes as the graph of the whole recording estimates them."""
         return smoothed_trajectory(self.estimator.smoothed())
 
     def fused(self) -> Trajectory:
@@ -108,7 +108,7 @@ class FusionPlayback:
         return self._record.fused()
 
     def summary(self) -> Dict[str, Any]:
-        """The last scale (None where it was never known), the slips, and when the state changed for what reasons."""
+        """The last scale (None if never known), the slips, and the changes of state with times and reasons."""
         scale = self.estimator.scale
         return {
             "scale": {

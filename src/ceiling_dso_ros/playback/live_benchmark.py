@@ -1,4 +1,4 @@
-"""Plays a recording in real time, or faster, as a camera would, and measures whether the odometry keeps up."""
+"""Plays a recording in real time or faster, like a camera, and measures whether the odometry is fast enough."""
 
 import time
 from dataclasses import dataclass
@@ -16,12 +16,13 @@ TRACKING_STAGES = ("undistort", "pyramid", "initialize", "track")  # the rest is
 
 @dataclass(frozen=True)
 class LiveRun:
-    """What came of the images that were not dropped.
+    """Results for the images that were not dropped.
 
     Attributes:
         statuses: of the images, in their order.
         latencies_ms: (images,) from an image's time to its pose.
-        dropped: images that were outdated when the odometry was ready for one, after the one with the first pose.
+        dropped: images replaced by a newer one before the odometry was ready, counted after the image with the first
+            pose.
         frame_rate_hz: of the recording.
     """
 
@@ -58,11 +59,11 @@ def play_live(
     frames: Sequence[Frame], track: Callable[[Frame], OdometryStatus], rate: float,
     clock: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep,
 ) -> LiveRun:  # fmt: skip
-    """Give every frame to `track` when its time has come; of several that are due the newest, the others are dropped.
+    """Give every frame to `track` at its time; if several are due, the newest one, and the others are dropped.
 
     Args:
         frames: two or more, in the order of time.
-        rate: seconds of the recording that pass in one.
+        rate: playback speed, 1 for real time.
         clock, sleep: seconds.
     """
     due_s = np.array([seconds(frame.stamp_ns - frames[0].stamp_ns) for frame in frames]) / rate + clock()

@@ -1,8 +1,9 @@
-"""The unit in which frame times of different machines and moments are compared.
+"""A unit of time for comparing frame times between machines.
 
-A fixed workload on one thread: samples of an image and its gradient with the normal equations of a 2x2 system, that is
-what direct methods spend their time with. A time divided by this one, measured just before and after, hardly depends on
-the machine. The workload is compiled with numba's defaults on purpose: faster ways to write it would change the unit.
+The unit is the time of a fixed workload on one thread: interpolating an image and its gradient, and normal equations of
+a 2x2 system. Direct methods spend most of their time with such work. A time divided by this unit, measured right before
+and after, hardly depends on the machine. The workload is compiled with numba's defaults on purpose: faster ways to
+write it would change the unit.
 """
 
 import time

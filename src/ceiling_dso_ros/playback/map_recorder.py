@@ -1,4 +1,4 @@
-"""Gathers the points of the odometry's map into a point cloud."""
+"""Collects the points of the odometry's map into a point cloud."""
 
 from typing import Dict, List, Mapping
 
@@ -10,14 +10,14 @@ from ceiling_dso_ros.io.ply import PointCloud
 
 
 class MapRecorder:
-    """Remembers the points that were marginalised and those of each segment's last window, in 36 bytes a point."""
+    """Stores the marginalised points and those of each segment's last window, 36 bytes per point."""
 
     def __init__(self) -> None:
         self._marginalized: List[HostedPoints] = []
         self._windows: Dict[int, HostedPoints] = {}  # of each segment
 
     def add(self, status: OdometryStatus) -> None:
-        """Take in the result of one frame; frames come in the order of time."""
+        """Add the result of one frame; frames must be in the order of time."""
         if not status.keyframes:
             return
         self._marginalized.append(status.marginalized)
@@ -27,7 +27,7 @@ class MapRecorder:
         """The points so far, at the given poses of their hosts.
 
         Args:
-            keyframes: keyframe_id -> its estimate, of all keyframes that a status has told of.
+            keyframes: keyframe_id -> its estimate, for all keyframes in any status.
 
         Raises:
             KeyError: the estimate of a host is missing.

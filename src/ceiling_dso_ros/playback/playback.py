@@ -1,4 +1,4 @@
-"""Plays a recording through the odometry as fast as it goes, dropping nothing, and writes the results."""
+"""Plays a recording through the odometry as fast as possible, without dropping images, and writes the results."""
 
 import json
 from pathlib import Path
@@ -18,13 +18,13 @@ from ceiling_dso_ros.playback.visual_run import VisualRun
 class Playback:
     """One run of the odometry, and of the fusion where there are wheels, over a recording.
 
-    What has been computed can be written at any time, also after `play` was interrupted or failed.
+    The results so far can be written at any time, also after `play` was interrupted or failed.
 
     Attributes:
         visual: the images' part, with the poses so far.
         map: the points so far.
         timing: the times so far.
-        warnings: what was wrong with skipped frames.
+        warnings: reasons of the skipped frames.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Playback:
         fusion: Optional[FusionPlayback] = None,
         predict: bool = False,
     ) -> None:
-        """Take the parts of a run; with `predict` the wheels tell the odometry how the camera has moved."""
+        """Prepare a run; with `predict` the wheels predict the motion of the camera for the odometry."""
         self.visual = visual
         self._warn = warn
         self._fusion = fusion
@@ -44,7 +44,7 @@ class Playback:
         self.warnings: List[str] = []
 
     def play(self, frames: Iterable[Union[Frame, SkippedFrame]]) -> None:
-        """Track every frame; whatever the frames or the odometry raise goes through, Ctrl-C between two frames."""
+        """Track every frame. Exceptions are not caught; Ctrl-C takes effect between two frames."""
         for frame in frames:
             if isinstance(frame, SkippedFrame):
                 self.warnings.append(frame.reason)
@@ -56,7 +56,7 @@ class Playback:
             self._fusion.finish()
 
     def write(self, directory: Path, end: str) -> None:
-        """Write all files of a run but its settings.
+        """Write all files of a run except its settings.
 
         Args:
             directory: an existing folder.

@@ -1,4 +1,4 @@
-"""Gathers the odometry's results into trajectories."""
+"""Collects the odometry's results into trajectories."""
 
 from array import array
 from typing import Dict, Mapping
@@ -11,7 +11,7 @@ from ceiling_dso_ros.io.trajectory import Trajectory
 
 
 class TrajectoryRecorder:
-    """Remembers every tracked frame and the last refinement of every keyframe, in 272 bytes a frame."""
+    """Stores every tracked frame and the last estimate of every keyframe, 272 bytes per frame."""
 
     def __init__(self) -> None:
         self._stamps_ns = array("q")
@@ -21,7 +21,7 @@ class TrajectoryRecorder:
         self._keyframes: Dict[int, KeyframeEstimate] = {}
 
     def add(self, status: OdometryStatus) -> None:
-        """Take in the result of one frame; frames come in the order of time.
+        """Add the result of one frame; frames must be in the order of time.
 
         Raises:
             KeyError: the frame refers to a keyframe that no status has described.
@@ -52,7 +52,7 @@ class TrajectoryRecorder:
         return Trajectory.from_matrices(self._stamps_ns, self._T_world_camera)
 
     def final(self) -> Trajectory:
-        """T_world_camera of the tracked frames, re-expressed on the last estimate of their keyframes."""
+        """T_world_camera of the tracked frames, with the last estimate of their keyframes."""
         T_world_keyframe = [self._keyframes[keyframe_id].T_world_camera for keyframe_id in self._keyframe_ids]
         T_keyframe_camera = np.reshape(self._T_keyframe_camera, (-1, 4, 4))
         return Trajectory.from_matrices(self._stamps_ns, np.reshape(T_world_keyframe, (-1, 4, 4)) @ T_keyframe_camera)

@@ -1,4 +1,4 @@
-"""One camera's images through preprocessing and odometry: what an offline run and dso_node have in common."""
+"""Preprocessing and odometry for the images of one camera, for offline runs and dso_node."""
 
 import time
 from dataclasses import replace
@@ -14,11 +14,11 @@ from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
 
 class TrackedImage(NamedTuple):
-    """An image after the odometry.
+    """An image with its result.
 
     Attributes:
-        status: what the odometry says of it; its timing has the preprocessing, too, as `undistort`.
-        image: (height, width) float32, as the odometry saw it.
+        status: result of the odometry; its timing includes the preprocessing as `undistort`.
+        image: (height, width) float32, the input of the odometry.
         total_ms: milliseconds of preprocessing and odometry.
     """
 
@@ -32,8 +32,8 @@ class VisualRun:
 
     Attributes:
         odometry: the odometry.
-        trajectories: what it said so far.
-        last: what it said of the last image; None before the first.
+        trajectories: the poses so far.
+        last: status of the last image; None before the first.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class VisualRun:
         """Begin.
 
         Args:
-            preprocess: makes the odometry's images of raw ones.
+            preprocess: converts raw images for the odometry.
             odometry: before its first image.
             keep_trajectory: remember the poses, 272 bytes an image.
         """
@@ -76,7 +76,8 @@ class VisualRun:
             image: (height, width) uint8 or uint16, as it comes from the camera.
             stamp_ns: its stamp, nanoseconds.
             exposure_ms: None when unknown.
-            prediction: the camera's motion since the last image by other means; None when there is none.
+            prediction: motion of the camera since the last image, predicted by other sensors; None if there is no
+                prediction.
         """
         start_s = time.perf_counter()
         preprocessed = self._preprocess(image)

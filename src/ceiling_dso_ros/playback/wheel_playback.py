@@ -1,4 +1,4 @@
-"""Recorded wheels, sample by sample, as the nodes would get them."""
+"""Plays recorded wheel samples one by one, as the nodes would receive them."""
 
 from typing import Iterator, Optional
 
@@ -18,7 +18,7 @@ class WheelPlayback:
         self._next = 0
 
     def until(self, stamp_ns: int = LATEST_NS) -> Iterator[FusedState]:
-        """Play the samples up to a stamp, nanoseconds; by default all. What the fusion would publish for each."""
+        """Play the samples up to a stamp, nanoseconds, by default all; yields the fusion's output for each."""
         while self._next < len(self._samples) and self._samples[self._next][0] <= stamp_ns:
             sample = self._samples[self._next]
             self._next += 1

@@ -1,4 +1,4 @@
-"""tf of the base, with care that no frame gets two parents."""
+"""Publishes tf of the base, and makes sure that no frame gets two parents."""
 
 from typing import Optional
 
@@ -13,7 +13,7 @@ from ceiling_dso_ros.ros.planar_messages import planar_transform
 
 
 class BaseTransform:
-    """Broadcasts `odom -> base_link`, or where the wheel driver does that a correction above its odom.
+    """Broadcasts `odom -> base_link`, or a correction above odom if the wheel driver broadcasts `odom -> base_link`.
 
     Args:
         mode: `odom` for odom_frame -> base_frame; `correction` for odom_frame -> the wheel odometry's frame; `none`.
@@ -57,7 +57,7 @@ class BaseTransform:
             self._broadcaster.sendTransform(planar_transform(header, self._base_frame, pose))
 
     def _on_tf(self, message: TFMessage) -> None:
-        """Step back for another parent of the base, for good: two would make the robot jump."""
+        """Stop broadcasting for good if the base has another parent: with two parents the robot would jump."""
         sender = message._connection_header.get("callerid", "another node")
         if self.complaint or sender == rospy.get_name():
             return

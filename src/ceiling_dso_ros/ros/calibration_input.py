@@ -1,4 +1,4 @@
-"""Where dso_node has the camera's calibration from."""
+"""The camera's calibration for dso_node, from a file or from camera_info."""
 
 import threading
 from pathlib import Path
@@ -14,21 +14,21 @@ WARNING_PERIOD_S = 5.0
 
 
 class CalibrationInput:
-    """The calibration of a file, or else the newest one that camera_info tells.
+    """The calibration in a file, or without a file the newest one from camera_info.
 
     Attributes:
         complaint: why the last camera_info was ignored; empty when it was not.
     """
 
     def __init__(self, calibration_file: Optional[Path], rectified: bool) -> None:
-        """Read the file, or listen to camera_info where there is none.
+        """Read the file, or subscribe to camera_info if there is none.
 
         Args:
             calibration_file: camera.txt in the TUM-mono layout.
-            rectified: images are those that P of camera_info describes, not K and D.
+            rectified: images are rectified: P of camera_info describes them, not K and D.
 
         Raises:
-            InputError: the file is none.
+            InputError: the file cannot be read or is not a calibration.
         """
         self.complaint = ""
         self._rectified = rectified
@@ -42,7 +42,7 @@ class CalibrationInput:
             self._known.set()
 
     def newest(self, timeout_s: float) -> Optional[CameraCalibration]:
-        """The newest calibration; waits for a first one, and is None when none comes in time."""
+        """The newest calibration; waits for the first one, None if it does not arrive in time."""
         self._known.wait(timeout_s)
         return self._newest
 

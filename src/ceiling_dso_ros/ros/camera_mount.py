@@ -1,4 +1,4 @@
-"""Where the camera sits on the robot: by robot.yaml, else by tf."""
+"""Pose of the camera on the robot: from robot.yaml, else from tf."""
 
 from typing import Optional
 
@@ -12,10 +12,10 @@ LOOKUP_PERIOD_S = 0.2
 
 
 class CameraMount:
-    """Looks `base_link -> camera` up until it is known; listens to tf no longer than that.
+    """Looks up `base_link -> camera` in tf until it is known, then stops listening.
 
     Attributes:
-        complaint: why it is not known, in words; empty when it is.
+        complaint: why the pose is not known, in words; empty when it is known.
     """
 
     def __init__(self, base_frame: str, camera_frame: str, T_base_camera: Optional[np.ndarray]) -> None:
@@ -29,7 +29,7 @@ class CameraMount:
             self._listener = tf2_ros.TransformListener(self._buffer)
 
     def name_frame(self, camera_frame: str) -> None:
-        """Tell the camera's frame, where the parameters have not."""
+        """Set the camera's frame, if the parameters do not."""
         self._camera_frame = self._camera_frame or camera_frame.lstrip("/")
 
     def find(self) -> Optional[np.ndarray]:
@@ -44,7 +44,7 @@ class CameraMount:
         try:
             found = self._buffer.lookup_transform(self._base_frame, self._camera_frame, rospy.Time(0))
         except tf2_ros.TransformException as error:
-            self.complaint = f"tf knows no {self._base_frame} -> {self._camera_frame}: {error}"
+            self.complaint = f"tf has no {self._base_frame} -> {self._camera_frame}: {error}"
             return
         self.complaint = ""
         self._T_base_camera = matrix_from_transform(found.transform)

@@ -15,7 +15,7 @@ from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
 from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
 
-UNKNOWN_VARIANCE = 9999.0  # by convention: nothing is known
+UNKNOWN_VARIANCE = 9999.0  # by convention: the value is unknown
 SMALLEST_VARIANCE = 1e-12  # consumers invert the covariance, so it is never singular
 
 STATES = {
@@ -118,7 +118,7 @@ def odometry_message(
 
 
 def unknown_covariance() -> np.ndarray:
-    """(6, 6) covariance that says that nothing is known."""
+    """(6, 6) covariance of an unknown pose."""
     return UNKNOWN_VARIANCE * np.eye(6)
 
 
@@ -141,7 +141,7 @@ def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStat
 
 
 def no_pose_message(header: Header, last: VisualOdometryStatus, message: str) -> VisualOdometryStatus:
-    """VisualOdometryStatus of an image that did not reach the odometry, because of message: all stays as it was."""
+    """VisualOdometryStatus of an image that was not processed; message says why, the state does not change."""
     return VisualOdometryStatus(
         header=header,
         state=last.state,

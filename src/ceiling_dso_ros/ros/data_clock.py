@@ -1,18 +1,18 @@
-"""The stamps of a stream in order, also where the clock that they come from is set back.
+"""Gives increasing stamps for a stream, also if its clock is set back.
 
-Everything behind the servers counts on stamps that grow. They do, on an inner clock: that of the data, plus an offset
-that changes when the data's clock is set back. Outputs carry the data's own stamps.
+The code behind the servers requires increasing stamps. They are taken from an inner clock: the clock of the data plus
+an offset that changes when that clock is set back. Outputs have the original stamps of the data.
 """
 
 import bisect
 import enum
 from typing import List, NamedTuple, Optional
 
-BACKWARDS_NS = 500_000_000  # a stamp further back than this is no sample out of order: the clock was set back
+BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back; a smaller one: a sample out of order
 
 
 class StampKind(enum.Enum):
-    """How a stamp follows on the last one. A jump ahead is a pause, which cannot be told from it."""
+    """Relation of a stamp to the last one. A jump forward is treated as a pause, because the two look the same."""
 
     NEXT = "later than the last one"
     REPEATED = "that of the last one"
@@ -21,14 +21,14 @@ class StampKind(enum.Enum):
 
 
 class Era(NamedTuple):
-    """The time from one setting of the clock to the next."""
+    """The time between two changes of the clock."""
 
     begin_ns: int  # on the inner clock
     offset_ns: int  # inner clock minus the data's
 
 
 class DataClock:
-    """Follows the stamps of one stream; other streams that are stamped by the same clock can be brought onto its time.
+    """Follows the stamps of one stream; stamps of other streams with the same clock can be converted to its time.
 
     While the clock is not set back, inner stamps are those of the data.
     """
@@ -52,7 +52,7 @@ class DataClock:
         return 0.0 if self._last_ns is None else (self._last_ns - stamp_ns - self._eras[-1].offset_ns) / 1e9
 
     def take(self, stamp_ns: int) -> StampKind:
-        """Tell what kind of stamp this is; time goes on only with NEXT."""
+        """Classify a stamp; only NEXT advances the time."""
         inner_ns = stamp_ns + self._eras[-1].offset_ns
         if self._last_ns is None or inner_ns > self._last_ns:
             if self._last_ns is not None:
@@ -64,7 +64,7 @@ class DataClock:
         return StampKind.LATE if self._last_ns - inner_ns <= BACKWARDS_NS else StampKind.BACK
 
     def set_back(self, stamp_ns: int) -> None:
-        """Go on from a stamp that is BACK. How much time has passed is unknown: as much as between the last two."""
+        """Continue from a stamp that is BACK; the unknown elapsed time is taken as the last two stamps' interval."""
         if self._last_ns is None:  # nothing lies before the first stamp
             return
         self._last_ns += self._interval_ns
@@ -73,7 +73,7 @@ class DataClock:
     def inner_ns(self, stamp_ns: int) -> int:
         """A stamp of any stream on the inner clock.
 
-        While streams pass from one era to the next, it is taken to be of that in which it is nearer to now.
+        While the streams change from one era to the next, the era is chosen that gives the time nearer to now.
         """
         candidates = [stamp_ns + era.offset_ns for era in self._eras[-2:]]
         return min(candidates, key=lambda inner_ns: abs(inner_ns - (self._last_ns or inner_ns)))

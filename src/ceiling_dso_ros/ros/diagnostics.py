@@ -1,4 +1,4 @@
-"""/diagnostics, published by wall time also while the clock of a simulation or of a bag stands still."""
+"""/diagnostics, published by wall time, so also while a simulated clock or a bag is paused."""
 
 import math
 import threading
@@ -11,11 +11,11 @@ from diagnostic_updater import DiagnosticStatusWrapper, Updater
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PERIOD_S = 0.4
-SHOWN_S = 2.0  # a message that could not be used stays in the diagnostics for so long
+SHOWN_S = 2.0  # a problem stays in the diagnostics for this time
 
 
 class Stream:
-    """What has arrived of a kind of messages, and what was wrong with the last bad one. Seconds are those of ROS."""
+    """Counts messages of one kind and stores the last problem. Seconds are ROS time."""
 
     def __init__(self, silence_s: float) -> None:
         self.received = self.rejected = 0
@@ -61,11 +61,11 @@ class Stream:
 
     @property
     def complaint(self) -> str:
-        """What was wrong with a message just now, empty when nothing was."""
+        """The recent problem with a message, empty without one."""
         return self._complaint if 0.0 <= rospy.get_time() - self._complaint_s < SHOWN_S else ""
 
     def judge(self, status: DiagnosticStatusWrapper, name: str, silence_level: int = ERROR) -> None:
-        """Merge what there is to say into a status; not having begun and bad messages are warnings."""
+        """Merge the result into a status; a stream that has not begun and bad messages are warnings."""
         if not self.received:
             status.mergeSummary(WARN, f"waiting for {name}")
         elif self.silent:

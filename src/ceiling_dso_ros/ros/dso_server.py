@@ -42,7 +42,7 @@ from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
-BUFFER_BYTES = 2**24  # several images; with rospy's 64 kB old ones would wait unseen in the socket
+BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old images would wait in the socket
 EXPOSURE_TIMEOUT_S = 0.05
 CALIBRATION_TIMEOUT_S = 0.3  # the first image and its camera_info come over different connections
 WARNING_PERIOD_S = 5.0
@@ -62,8 +62,8 @@ class DsoServer:
     """Tracks a camera by Direct Sparse Odometry.
 
     Subscribes:
-        image (sensor_msgs/Image, or image/compressed, sensor_msgs/CompressedImage): the newest wins.
-        camera_info (sensor_msgs/CameraInfo): waited for unless ~calibration is given.
+        image (sensor_msgs/Image, or image/compressed, sensor_msgs/CompressedImage): only the newest image is processed.
+        camera_info (sensor_msgs/CameraInfo): required unless ~calibration is given.
         exposure (ceiling_dso_ros/Exposure): optional, matched to the image by stamp.
         fusion/motion_prediction (MotionPrediction): with ~motion_prediction.
 
@@ -81,7 +81,7 @@ class DsoServer:
 
     Services:
         ~reset (std_srvs/Trigger): forget everything; the next image starts segment 0.
-        ~pause, ~resume (std_srvs/Trigger): images are left alone in between.
+        ~pause, ~resume (std_srvs/Trigger): images in between are ignored.
         ~save_trajectory (SaveTrajectory): write camera.tum, camera_final.tum and keyframes.tum.
 
     Parameters (private, read at start): `DsoParameters` and `OdometryConfig`; cfg/Dso.cfg has those that may change
@@ -174,8 +174,8 @@ class DsoServer:
             self._images.complain(str(error))
             rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
             status = no_pose_message(header, self._status, str(error))
-        except Exception as error:  # a robot that drives must not lose the node, whatever an image does to it
-            rospy.logerr("the odometry failed, starting anew: %s", traceback.format_exc())
+        except Exception as error:  # an error with one image must not end the node while the robot drives
+            rospy.logerr("the odometry failed and is restarted: %s", traceback.format_exc())
             self._start_anew()
             lost = VisualOdometryStatus(state=VisualOdometryStatus.LOST)
             status = no_pose_message(header, lost, f"failed: {type(error).__name__}: {error}")
@@ -186,7 +186,7 @@ class DsoServer:
         self._publisher.publish_status(status)
 
     def _track(self, message: AnyImage, header: Header) -> VisualOdometryStatus:
-        """Hand an image to the odometry and publish the pose.
+        """Track an image and publish the pose.
 
         Raises:
             FrameError: the image is unusable.
@@ -222,9 +222,9 @@ class DsoServer:
         return self._camera_frame_id or message.header.frame_id.lstrip("/")
 
     def _use(self, calibration: CameraCalibration) -> None:
-        """Start anew with a calibration."""
+        """Restart with a calibration."""
         if self._calibration is not None:
-            rospy.logwarn("the camera's calibration changed: starting anew")
+            rospy.logwarn("the camera's calibration changed: restarting")
         self._calibration, self._run = calibration, None
         self._scheduler.discard()
         try:
@@ -239,7 +239,7 @@ class DsoServer:
         rospy.loginfo(f"tracking images of {calibration.lens} as {preprocess.camera}")
 
     def _take_stamp(self, stamp_ns: int) -> int:
-        """Put an image into the order of time; where that is one of a bag which is played again, start anew.
+        """Check the order of an image's stamp; restart if a bag is played again.
 
         Returns:
             Its time on the inner clock, nanoseconds.
@@ -255,16 +255,16 @@ class DsoServer:
         if kind is StampKind.BACK:
             went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
             if self._begins_again:
-                rospy.logwarn(f"{went_back}: starting anew")
+                rospy.logwarn(f"{went_back}: restarting")
                 self._start_anew()
                 self._clock.take(stamp_ns)
             else:
-                rospy.logwarn(f"{went_back}: the clock was set back, the odometry goes on")
+                rospy.logwarn(f"{went_back}: the clock was set back, the odometry continues")
                 self._clock.set_back(stamp_ns)
         return self._clock.inner_ns(stamp_ns)
 
     def _with_data_stamps(self, status: OdometryStatus) -> OdometryStatus:
-        """The status with the very stamps of the images, where the clock has been set back since."""
+        """The status with the original stamps of the images, if the clock was set back since."""
         keyframes = tuple(replace(k, stamp_ns=self._clock.stamp_ns(k.stamp_ns)) for k in status.keyframes)
         return replace(status, stamp_ns=self._clock.stamp_ns(status.stamp_ns), keyframes=keyframes)
 

@@ -1,4 +1,4 @@
-"""Exposure times that arrive beside the images, looked up by stamp."""
+"""Exposure times that arrive on their own topic, looked up by image stamp."""
 
 import threading
 from collections import deque
@@ -13,7 +13,7 @@ class ExposureLookup:
         self._exposures: Deque[Tuple[int, float]] = deque(maxlen=length)
 
     def add(self, stamp_ns: int, exposure_ms: float) -> None:
-        """Remember one; a stamp that goes backwards forgets all others."""
+        """Store one; a stamp that goes backwards clears all others."""
         with self._condition:
             if self._exposures and stamp_ns < self._exposures[-1][0]:
                 self._exposures.clear()

@@ -23,7 +23,7 @@ STATES = {
 
 
 class FusionPublisher:
-    """The topics of `FusionServer` but tf.
+    """The topics of `FusionServer` except tf.
 
     Attributes:
         visual_frame: the world of the visual odometry, as its messages name it.
@@ -70,7 +70,7 @@ class FusionPublisher:
         self._path.add(PoseStamped(header, odometry.pose.pose))
 
     def publish_prediction(self, motion: Optional[CameraMotion], start_ns: int, end_ns: int, segment: int) -> None:
-        """Publish how the camera has moved between two stamps of its clock; nothing when that is not known."""
+        """Publish the predicted motion of the camera between two of its stamps, if it is known."""
         if motion is None:
             return
         header = Header(stamp=ros_time(end_ns), frame_id=self.visual_frame)

@@ -1,4 +1,4 @@
-"""The server behind fusion_node: wheel odometry and visual odometry in, the robot's metric pose out."""
+"""The server of fusion_node: fuses wheel odometry and visual odometry into the robot's metric pose."""
 
 import threading
 import time
@@ -37,17 +37,17 @@ from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_me
 from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
 
 QUEUE_SIZE = 200  # every wheel sample and every image counts
-CAMERA_AHEAD_NS = 10**9  # right after a start anew, images so far ahead of the wheels are of the run before
+CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
 
 
 class FusionServer:
     """Fuses wheel odometry and visual odometry.
 
     Subscribes:
-        wheel/odometry (nav_msgs/Odometry): of wheel_odometry_node or of any other driver.
+        wheel/odometry (nav_msgs/Odometry): from wheel_odometry_node or any other driver.
         visual_odometry/status (VisualOdometryStatus): of dso_node.
-        visual_odometry/keyframes (Keyframes): the window that was there before this node.
-        /tf_static, /tf: where the camera is, unless robot.yaml says so; who else publishes the base's transform.
+        visual_odometry/keyframes (Keyframes): the newest window from before this node started (latched).
+        /tf_static, /tf: pose of the camera, unless robot.yaml has it; other publishers of the base's transform.
 
     Publishes:
         odometry/filtered (nav_msgs/Odometry): base_link in odom, metric, continuous, for every wheel sample; while the
@@ -62,7 +62,7 @@ class FusionServer:
 
     Services:
         ~reset (std_srvs/Trigger): forget everything; the next wheel sample is the origin.
-        ~set_pose (SetPose): let the published pose be another one from now on.
+        ~set_pose (SetPose): set the published pose.
         ~save_trajectory (SaveTrajectory): write wheel.tum, fused.tum and fused_smoothed.tum.
 
     Parameters (private, read at start): `FusionParameters`; `FusionConfig`; and robot, which must be given, with
@@ -86,7 +86,7 @@ class FusionServer:
         self._lock = threading.Lock()
         self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
         self._begins_again = time_is_simulated()
-        self._clock = DataClock()  # of the wheels; the images' stamps are brought onto it
+        self._clock = DataClock()  # clock of the wheels, to which the images' stamps are converted
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
         self._mount = CameraMount(base_frame, camera_frame, self._robot.T_base_camera if has_camera else None)
@@ -157,7 +157,7 @@ class FusionServer:
             self._predict()
 
     def _take_wheel_stamp(self, stamp_ns: int) -> None:
-        """Put a wheel sample into the order of time; where that is one of a bag which is played again, start anew."""
+        """Check the order of a wheel sample's stamp; restart if a bag is played again."""
         if self._clock.take(stamp_ns) is not StampKind.BACK:
             return
         went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
@@ -165,7 +165,7 @@ class FusionServer:
             self._start_anew(went_back)
             self._clock.take(stamp_ns)
         else:
-            rospy.logwarn(f"{went_back}: the clock was set back, the pose stays")
+            rospy.logwarn(f"{went_back}: the clock was set back, the pose does not change")
             self._clock.set_back(stamp_ns)
 
     def _on_status(self, message: VisualOdometryStatus) -> None:
@@ -183,7 +183,7 @@ class FusionServer:
                 self._take_in(status, message.header.stamp, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
-        """Take in the latched window, which a robot that stands may not refine for long."""
+        """Use the latched window, because while the robot stands still no new one may come for a long time."""
         with self._lock:
             if self._window is not None:  # the others come with their statuses
                 return
@@ -196,7 +196,7 @@ class FusionServer:
                 self._estimator.add_keyframes(self._window)
 
     def _is_of_now(self, stamp_ns: int) -> bool:
-        """Whether an image is neither of the run before nor out of order."""
+        """Whether an image is in order and not of the run before."""
         newest_wheel_ns = self._clock.last_ns
         if self._camera_may_be_old and (newest_wheel_ns is None or stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
             return False
@@ -212,7 +212,7 @@ class FusionServer:
     def _take_in(self, status: OdometryStatus, stamp: rospy.Time, start_s: float) -> None:
         if status.keyframes:
             self._window = status
-        if not self._camera_known:  # without its mount its motion means nothing
+        if not self._camera_known:  # its motion cannot be used without its mounting
             return
         self._newest_image = status
         for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
@@ -221,7 +221,7 @@ class FusionServer:
             self._map.add_window(stamp, status.keyframes, self._camera_offset_ns, self._robot.T_base_camera)
 
     def _use_mount(self) -> None:
-        """Take the camera in as soon as it is known where it sits."""
+        """Use the camera as soon as its mounting is known."""
         T_base_camera = None if self._camera_known else self._mount.find()
         if T_base_camera is None:
             return
@@ -275,7 +275,7 @@ class FusionServer:
     # Services
 
     def _start_anew(self, reason: str) -> None:
-        rospy.logwarn(f"{reason}: starting anew")
+        rospy.logwarn(f"{reason}: restarting")
         self._counts.resets += 1
         self._estimator.reset()
         self._forget()

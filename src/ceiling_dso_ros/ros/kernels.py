@@ -1,4 +1,4 @@
-"""The compiled kernels of the odometry, ready before a node begins to work."""
+"""Loads the compiled kernels of the odometry before a node starts to work."""
 
 import threading
 import time
@@ -13,7 +13,7 @@ def load_kernels() -> None:
     """Have all kernels ready before the first image; returns early when the node is shut down.
 
     Raises:
-        Exception: whatever kept them from being compiled or loaded.
+        Exception: the error of the compilation or the loading.
     """
     errors: List[Exception] = []
 

@@ -1,18 +1,18 @@
-"""A place for one message: the newest wins."""
+"""A buffer for one message, which keeps the newest."""
 
 import threading
 from typing import Any, Optional
 
 
 class Mailbox:
-    """Hands the newest message from the thread that receives to the one that works."""
+    """Passes the newest message from the receiving thread to the working thread."""
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
         self._message: Optional[Any] = None
 
     def put(self, message: Any) -> bool:  # noqa: ANN401
-        """Leave a message; True when it replaced one that nobody had taken."""
+        """Store a message; True if it replaced one that was not taken."""
         with self._condition:
             replaced = self._message is not None
             self._message = message

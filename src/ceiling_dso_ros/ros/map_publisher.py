@@ -1,4 +1,4 @@
-"""What dso_node shows of its map, computed only for those who look at it."""
+"""Publishes dso_node's map for display; computed only if somebody subscribes."""
 
 import time
 
@@ -31,7 +31,7 @@ class MapPublisher:
         self._sent_s = {self._points: -np.inf, self._image: -np.inf}
 
     def wants(self, status: OdometryStatus) -> bool:
-        """Whether `publish` would have anything to do."""
+        """Whether `publish` has anything to publish."""
         return (bool(status.keyframes) and self._due(self._points)) or self._due(self._image)
 
     def publish(
@@ -44,8 +44,8 @@ class MapPublisher:
             header: stamp of the image and the world frame.
             camera_frame_id: optical frame of the camera.
             image: (height, width) that was tracked, grey levels.
-            camera: that it was taken with.
-            status: what the odometry says of it.
+            camera: with which the image was taken.
+            status: result of the odometry for the image.
             points: of the window.
         """
         if status.keyframes and self._due(self._points):

@@ -1,4 +1,4 @@
-"""The visual odometry's map in metres and in odom, so that one can look at it beside everything else."""
+"""Publishes the visual odometry's map in metres and in odom, for display."""
 
 from collections import deque
 from typing import Deque, Optional, Tuple
@@ -22,8 +22,8 @@ REMEMBERED_POSES = 500  # longer than an image takes through the visual odometry
 class MetricMap:
     """The topics `fusion/keyframes` and `fusion/points`.
 
-    Each window is placed by its newest keyframe, at the fused pose of its stamp, with the scale of that time: a picture
-    of where things are, not a map that is corrected later.
+    Each window is placed at the fused pose of its newest keyframe, with the scale at that time. It is for display only
+    and is not corrected later.
     """
 
     def __init__(self, odom_frame: str) -> None:
@@ -34,7 +34,7 @@ class MetricMap:
         self.clear()
 
     def clear(self) -> None:
-        """Forget where the robot was."""
+        """Clear the stored poses."""
         self._poses: Deque[Tuple[int, np.ndarray, float]] = deque(maxlen=REMEMBERED_POSES)
         self._placed: Optional[Tuple[int, np.ndarray]] = None
 
@@ -64,12 +64,12 @@ class MetricMap:
             self._keyframes.publish(PoseArray(header, [_pose(M @ k.T_world_camera, scale) for k in keyframes]))
 
     def peer_subscribe(self, *_: object) -> None:
-        """Called by rospy when somebody looks: only then dso_node needs to send its points."""
+        """Called by rospy for a new subscriber: only then dso_node needs to send its points."""
         if self._input is None:
             self._input = rospy.Subscriber("visual_odometry/points", PointCloud2, self._on_points, queue_size=1)
 
     def peer_unsubscribe(self, _name: str, remaining: int) -> None:
-        """Called by rospy when somebody has seen enough."""
+        """Called by rospy when a subscriber leaves."""
         if remaining == 0 and self._input is not None:
             self._input.unregister()
             self._input = None
@@ -85,7 +85,7 @@ class MetricMap:
 
 
 def _pose(T: np.ndarray, scale: float) -> Pose:
-    """Of a transform whose rotation has been scaled."""
+    """Pose of a transform whose rotation is scaled."""
     T = T.copy()
     T[:3, :3] /= scale
     return pose_from_matrix(T)

@@ -1,4 +1,4 @@
-"""How the camera has moved since the last image by the wheels, as fusion_node says it."""
+"""Predictions of the camera's motion since the last image, received from fusion_node."""
 
 from typing import Optional
 
@@ -9,14 +9,14 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.msg import MotionPrediction
 from ceiling_dso_ros.ros.conversions import matrix_from_pose, stamp_ns_of
 
-LONGEST_STRETCH = 3.0  # a prediction is taken to go on like that for so many times its own length
+LONGEST_STRETCH = 3.0  # a prediction may be extended to this multiple of its duration
 
 
 class MotionPredictions:
-    """The newest message of `fusion/motion_prediction` counts.
+    """Uses the newest message of `fusion/motion_prediction`.
 
     Attributes:
-        asked, used: for how many images there should have been a prediction, and for how many there was one.
+        asked, used: number of images for which a prediction was wanted, and for which there was one.
     """
 
     def __init__(self) -> None:
@@ -24,11 +24,11 @@ class MotionPredictions:
         self.asked = self.used = 0
 
     def add(self, message: MotionPrediction) -> None:
-        """Take in a message."""
+        """Store a message."""
         self._newest = message
 
     def between(self, start_ns: int, end_ns: int, segment: int) -> Optional[CameraMotion]:
-        """Motion of the camera between two images by their stamps, in a segment's unit; None when it is not known."""
+        """Predicted motion of the camera between two image stamps, in a segment's unit; None without a prediction."""
         message, motion = self._newest, None
         if message is not None and stamp_ns_of(message.start) == start_ns and message.segment == segment:
             motion = stretched(message, end_ns)
@@ -38,9 +38,9 @@ class MotionPredictions:
 
 
 def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
-    """The predicted motion up to another end, with constant velocity; None for garbage or an end too far away.
+    """The predicted motion extended to another end with constant velocity.
 
-    Its error grows likewise, as that of a velocity does.
+    Its standard deviation grows in proportion. None if the values are not valid or the end is too far away.
     """
     start_ns = stamp_ns_of(message.start)
     predicted_ns, wanted_ns = stamp_ns_of(message.header.stamp) - start_ns, end_ns - start_ns

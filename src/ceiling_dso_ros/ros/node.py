@@ -1,4 +1,4 @@
-"""The life of a node: what all executables do."""
+"""Runs a node; common to all executables."""
 
 import sys
 from typing import Callable

@@ -1,4 +1,4 @@
-"""The parameters of each node beside the settings of the odometry and the fusion: private, with working defaults."""
+"""The private parameters of each node with their defaults, except the settings of the odometry and the fusion."""
 
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -29,7 +29,7 @@ def _require_frames(parameters: object, *names: str) -> None:
 
 
 def _require_configurable(parameters: object, config: ModuleType) -> None:
-    """Those that dynamic_reconfigure offers are within its ranges."""
+    """Check the parameters of dynamic_reconfigure against its ranges."""
     for name in config.defaults:
         if name != "groups":
             _require_range(parameters, name, config.min[name], config.max[name])
@@ -37,23 +37,23 @@ def _require_configurable(parameters: object, config: ModuleType) -> None:
 
 @dataclass(frozen=True)
 class DsoParameters:
-    """Of dso_node; the settings of the odometry lie beside them."""
+    """Parameters of dso_node; the settings of the odometry are on the same level."""
 
     image_transport: str = "raw"  # or compressed
     calibration: str = ""  # camera.txt in the TUM-mono layout, instead of camera_info
-    rectified: bool = False  # images are those that P of camera_info describes, not K and D
+    rectified: bool = False  # images are rectified: P of camera_info describes them, not K and D
     image_size: str = ""  # WIDTHxHEIGHT that the images are scaled down to; their own by default
-    frame_rate: float = DsoConfig.defaults["frame_rate"]  # images a second that are tracked; 0 for all
-    # live, beside the tracking, so that a pose never waits for it; or sequential, which gives what `run` gives with the
-    # images that are not dropped
+    frame_rate: float = DsoConfig.defaults["frame_rate"]  # largest number of images tracked per second; 0 for all
+    # live: in its own thread, so that poses do not wait for it. sequential: the same result as `run` with the images
+    # that are not dropped
     mapping: str = "live"
-    # Let the wheels predict the camera's motion; not by default, as then a bag gives the same poses however fast the
-    # machine is.
+    # Predict the camera's motion from the wheels. Off by default, because then the poses of a bag do not depend on the
+    # speed of the machine.
     motion_prediction: bool = False
     vo_frame: str = "vo"  # world of the visual odometry; its unit of length is not the metre
     camera_frame: str = ""  # optical frame of the camera; that of the images by default
-    silence: float = 0.5  # seconds without an image after which the diagnostics say so
-    keep_trajectory: bool = True  # remember what ~save_trajectory writes, 30 MB an hour at 30 images a second
+    silence: float = 0.5  # seconds without an image after which the diagnostics report it
+    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: 30 MB per hour at 30 images a second
     trajectory_dir: str = ""  # folder to which that is written when the node ends; not at all by default
     covariance_scale: float = DsoConfig.defaults["covariance_scale"]  # this and the rest: see cfg/Dso.cfg
     path_length: int = DsoConfig.defaults["path_length"]
@@ -76,7 +76,7 @@ class DsoParameters:
 
 @dataclass(frozen=True)
 class WheelParameters:
-    """Of wheel_odometry_node; `robot` lies beside them."""
+    """Parameters of wheel_odometry_node; `robot` is on the same level."""
 
     input: str = "joint_states"  # or ticks
     left_joint: str = ""  # name in joint_states; the one that contains left by default
@@ -84,8 +84,8 @@ class WheelParameters:
     odom_frame: str = "odom"
     base_frame: str = "base_link"
     publish_tf: bool = False  # the fusion publishes a better transform
-    silence: float = 0.5  # seconds without a sample after which the diagnostics say so
-    wheels: WheelConfig = field(default_factory=WheelConfig)  # how far they can be trusted
+    silence: float = 0.5  # seconds without a sample after which the diagnostics report it
+    wheels: WheelConfig = field(default_factory=WheelConfig)  # error model
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -97,7 +97,7 @@ class WheelParameters:
 
 @dataclass(frozen=True)
 class FusionParameters:
-    """Of fusion_node; the settings of the fusion lie beside them, and `robot`."""
+    """Parameters of fusion_node; the settings of the fusion and `robot` are on the same level."""
 
     odom_frame: str = "odom"
     base_frame: str = "base_link"
@@ -106,8 +106,8 @@ class FusionParameters:
     # odom: odom_frame -> base_frame; correction: odom_frame -> the frame of wheel/odometry, for a wheel driver that
     # publishes the transform of base_frame itself
     tf_mode: str = "odom"
-    silence: float = 0.5  # seconds without wheel odometry or images after which the diagnostics say so
-    keep_trajectory: bool = True  # remember what ~save_trajectory writes, about 10 MB an hour
+    silence: float = 0.5  # seconds without wheel odometry or images after which the diagnostics report it
+    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: about 10 MB per hour
     trajectory_dir: str = ""  # folder to which that is written when the node ends; not at all by default
     covariance_scale: float = FusionConfig.defaults["covariance_scale"]  # this and the rest: see cfg/Fusion.cfg
     path_length: int = FusionConfig.defaults["path_length"]
@@ -123,17 +123,17 @@ class FusionParameters:
 
 @dataclass(frozen=True)
 class SimulationParameters:
-    """Of simulation_node."""
+    """Parameters of simulation_node."""
 
     sequence: str = "loops"  # square, loops, straight, spin or stop_and_go
     ceiling: str = "factory"  # factory, tiles, warehouse or plaster
-    seed: int = 0  # of everything random
+    seed: int = 0  # seed of all random choices
     duration: float = 0.0  # seconds, 0.5 to 7200; 0 for one lap
-    rate: float = 1.0  # how many simulated seconds shall pass in one; where rendering takes longer, fewer do
-    events: str = ""  # what happens, comma-separated, as `simulate --event` takes them
+    rate: float = 1.0  # simulated seconds per real second; less if rendering takes longer
+    events: str = ""  # events, comma-separated, in the format of `simulate --event`
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
-        _require_range(self, "seed", 0, 2**31 - 1)  # the parameter server's largest
+        _require_range(self, "seed", 0, 2**31 - 1)  # largest integer of the parameter server
         _require_range(self, "duration", 0.0, 7200.0)
         _require_range(self, "rate", 0.01, 100.0)

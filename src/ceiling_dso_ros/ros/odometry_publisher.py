@@ -1,4 +1,4 @@
-"""What dso_node publishes about the camera's poses."""
+"""Publishes the camera's poses for dso_node."""
 
 from typing import Optional
 
@@ -21,7 +21,7 @@ from ceiling_dso_ros.ros.paths import PathPublisher
 
 
 class OdometryPublisher:
-    """The topics `visual_odometry/*` but the map's, see `DsoServer`.
+    """The topics `visual_odometry/*` except those of the map, see `DsoServer`.
 
     Attributes:
         covariance_scale: factor on the covariance of the poses.
@@ -49,7 +49,7 @@ class OdometryPublisher:
         Args:
             header: stamp of the image and the world frame.
             camera_frame_id: optical frame of the camera.
-            status: what the odometry says of the image.
+            status: result of the odometry for the image.
         """
         if status.keyframes:
             self._keyframes.publish(keyframes_message(header, status.keyframes))
@@ -58,7 +58,7 @@ class OdometryPublisher:
             self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, self._covariance(status)))
             self._publish_pose(PoseStamped(header, pose_from_matrix(self._last_pose)), status.segment)
         elif self._last_pose is not None:
-            # The last pose, of which nothing is known any more: those who take odometry expect it to go on.
+            # The last pose with unknown covariance, because subscribers of odometry expect it to continue.
             self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, unknown_covariance()))
 
     def publish_status(self, status: VisualOdometryStatus) -> None:

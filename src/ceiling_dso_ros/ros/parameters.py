@@ -1,4 +1,4 @@
-"""Private parameters: read once at start, refused in one line when they are wrong, and written back complete."""
+"""Reads private parameters once at start, rejects wrong ones with one line, and writes all values back."""
 
 import os
 from pathlib import Path
@@ -12,14 +12,14 @@ from ceiling_dso_ros.settings import default_values, merge_settings, plain_value
 
 
 def read(*kinds: type, groups: Optional[Mapping[str, Any]] = None) -> Tuple[Any, ...]:
-    """All private parameters of this node, as far as they are those of dataclasses.
+    """Read this node's private parameters into dataclasses.
 
-    What is not set has its default. All values are then written to the parameter server, so that it shows what the node
-    works with.
+    Parameters that are not set have their defaults. All values are then written to the parameter server, so that it
+    shows the values that the node uses.
 
     Args:
-        kinds: dataclasses as `merge_settings` takes them; their names lie side by side.
-        groups: the nested names of further groups, which somebody else reads.
+        kinds: dataclasses as for `merge_settings`; their names are on the same level.
+        groups: nested names of further groups that are read elsewhere.
 
     Returns:
         One object for each of kinds.
@@ -29,7 +29,7 @@ def read(*kinds: type, groups: Optional[Mapping[str, Any]] = None) -> Tuple[Any,
     """
     node, given = rospy.get_name(), rospy.get_param("~", {})
     defaults = {name: value for kind in kinds for name, value in default_values(kind).items()}
-    # What is in the further groups is checked by those who read them.
+    # The further groups are checked where they are read.
     known = {**defaults, **{name: given.get(name, names) for name, names in (groups or {}).items()}}
     try:
         require_known(given, known, node)
@@ -42,7 +42,7 @@ def read(*kinds: type, groups: Optional[Mapping[str, Any]] = None) -> Tuple[Any,
 
 
 def write(values: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Set private parameters, as far as they are not given already."""
+    """Set private parameters that have another value or none."""
     for name, value in values.items():
         if name not in given or repr(given[name]) != repr(value):  # 1 is 1.0, and True is 1
             rospy.set_param(f"~{name}", value)

@@ -1,4 +1,4 @@
-"""nav_msgs/Path of the last poses: the whole path each time, so only now and then and to those who listen."""
+"""nav_msgs/Path of the last poses. Each message has the whole path, so it is sent rarely and only to subscribers."""
 
 import time
 from typing import List

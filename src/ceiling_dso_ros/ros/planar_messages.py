@@ -8,7 +8,7 @@ from std_msgs.msg import Header
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.ros.conversions import matrix_from_pose, pose_from_matrix
 
-FLOOR_VARIANCE = 1e-6  # of z, roll and pitch, which the floor fixes: small but not zero, as consumers invert it
+FLOOR_VARIANCE = 1e-6  # of z, roll and pitch, determined by the floor: not zero, because subscribers invert it
 IN_PLANE = (0, 1, 5)  # x, y, yaw
 ALONG_DRIVE = (0, 5)  # forward speed and yaw rate
 

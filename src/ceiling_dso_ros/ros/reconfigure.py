@@ -1,4 +1,4 @@
-"""dynamic_reconfigure that refuses what is out of range instead of setting something else."""
+"""A dynamic_reconfigure server that rejects values out of range instead of changing them."""
 
 from typing import Any, Dict
 
@@ -7,13 +7,13 @@ from dynamic_reconfigure.server import Server
 
 
 class ReconfigureServer(Server):  # type: ignore[misc]  # ROS has no types
-    """As dynamic_reconfigure's server, whose values are parameters of this node or of one of its groups."""
+    """dynamic_reconfigure's server for parameters of this node or of one of its groups."""
 
     def update_configuration(self, changes: Dict[str, Any]) -> Any:  # noqa: ANN401
-        """Take changes in, all or none.
+        """Apply all changes or none.
 
         Raises:
-            rospy.ServiceException: a value is out of range; the one who asked gets the message.
+            rospy.ServiceException: a value is out of range; the client gets the message.
         """
         for name, value in changes.items():
             smallest, largest = self.type.min.get(name, ""), self.type.max.get(name, "")

@@ -1,4 +1,4 @@
-"""The robot's dimensions out of the private parameters `~robot/...`."""
+"""The robot's dimensions from the private parameters `~robot/...`."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,7 +17,7 @@ ROBOT_GROUP = {"robot": NAMES}
 
 
 class RobotParameter(NamedTuple):
-    """The robot, and whether the parameters say where its camera is; if not, it is taken to look straight up."""
+    """The robot, and whether T_base_camera is given; else a camera that looks straight up is assumed."""
 
     model: RobotModel
     has_camera: bool
@@ -48,7 +48,7 @@ def read_robot() -> RobotParameter:
 
 
 def with_camera(robot: RobotModel, T_base_camera: np.ndarray) -> RobotModel:
-    """The robot with its camera somewhere else.
+    """The robot with another pose of the camera.
 
     Raises:
         ConfigError: the camera does not look up.

@@ -1,4 +1,4 @@
-"""Services: whatever is wrong with a request is answered in words."""
+"""Services; a response contains a message that says what is wrong with a request."""
 
 from pathlib import Path
 from typing import Callable, Dict
@@ -13,7 +13,7 @@ from ceiling_dso_ros.srv import SaveTrajectory, SaveTrajectoryRequest, SaveTraje
 
 
 def offer_trigger(name: str, act: Callable[[], str]) -> None:
-    """Offer a service without arguments; act returns what it has done."""
+    """Offer a service without arguments; act returns a message about what it did."""
 
     def answer(_request: TriggerRequest) -> TriggerResponse:
         message = act()

@@ -1,4 +1,4 @@
-"""The server behind simulation_node: a simulated robot as a live source."""
+"""The server of simulation_node: a simulated robot that publishes live sensor data."""
 
 import time
 from typing import Dict
@@ -22,7 +22,7 @@ QUEUE_SIZE = 50
 
 
 class SimulationServer:
-    """Drives a simulated robot and publishes what it measures, as a bag of `simulate` would be played.
+    """Simulates a robot and publishes its measurements, with the topics of a bag of `simulate`.
 
     Publishes:
         /clock: the time of the simulation; all nodes must run with /use_sim_time.
@@ -66,10 +66,10 @@ class SimulationServer:
 
 
 class TopicWriter(MessageWriter):
-    """Publishes messages at their time, and the time itself.
+    """Publishes messages at their stamps, and /clock.
 
     Args:
-        rate: how many seconds of the stamps pass in one.
+        rate: seconds of stamps per real second.
     """
 
     def __init__(self, rate: float) -> None:
@@ -96,7 +96,7 @@ class TopicWriter(MessageWriter):
         self._publishers[topic].publish(message)
 
     def _wait(self, stamp_ns: int) -> None:
-        """Wait for the time of a stamp; when it has passed already, let time go on from there."""
+        """Wait for the time of a stamp; if it is already over, later stamps are delayed by the same time."""
         if rospy.is_shutdown():
             raise rospy.ROSInterruptException
         self._start_ns = self._start_ns or stamp_ns

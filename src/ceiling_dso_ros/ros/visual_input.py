@@ -1,4 +1,4 @@
-"""The visual odometry's messages as the values that they were made from, on the fusion's clock."""
+"""Converts messages of the visual odometry into statuses, with stamps on the fusion's clock."""
 
 from typing import List, Optional
 
@@ -11,10 +11,10 @@ STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
 
 
 def status_from_message(message: VisualOdometryStatus, clock: DataClock) -> Optional[OdometryStatus]:
-    """What the fusion needs of an image; None for one that the odometry did not use, which tells nothing.
+    """The parts of a status that the fusion needs; None for an image that the odometry did not use.
 
     Raises:
-        ValueError: a pose is none, or there are several.
+        ValueError: a pose is not valid, or there are several.
     """
     if len(message.pose) > 1:
         raise ValueError(f"{len(message.pose)} poses of one image")
@@ -39,7 +39,7 @@ def window_from_message(message: Keyframes, clock: DataClock) -> OdometryStatus:
     """The window alone, without a pose of an image.
 
     Raises:
-        ValueError: a pose is none.
+        ValueError: a pose is not valid.
     """
     keyframes = _keyframes(message.keyframes, clock)
     stamp_ns = clock.inner_ns(stamp_ns_of(message.header.stamp))

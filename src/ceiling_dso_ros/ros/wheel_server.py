@@ -1,4 +1,4 @@
-"""The server behind wheel_odometry_node: encoders in, dead reckoning out."""
+"""The server of wheel_odometry_node: dead reckoning from encoders."""
 
 import threading
 from typing import Optional
@@ -31,8 +31,8 @@ class WheelServer:
 
     Subscribes:
         joint_states (sensor_msgs/JointState): wheel angles, rad; with ~input joint_states.
-        left/ticks, right/ticks (std_msgs/Int32): counters, which may wrap around; with ~input ticks. They carry no
-            stamps, so that of their arrival is taken: prefer joint_states.
+        left/ticks, right/ticks (std_msgs/Int32): counters, which may wrap around; with ~input ticks. They have no
+            stamps, so their arrival times are used: prefer joint_states.
 
     Publishes:
         wheel/odometry (nav_msgs/Odometry): with covariances, for every sample.
@@ -92,7 +92,7 @@ class WheelServer:
             elif angles_rad is not None:
                 self._take_in(self._odometry.add_angles(self._begin_sample(stamp_ns), *angles_rad))
             elif not self._samples.received or self._samples.silent:  # other joints may well share the topic
-                self._samples.complain("no left and right wheel in it; set ~left_joint and ~right_joint")
+                self._samples.complain("it contains no left and right wheel; set ~left_joint and ~right_joint")
 
     def _on_ticks(self, side: str, message: Int32) -> None:
         with self._lock:
@@ -102,17 +102,17 @@ class WheelServer:
                 self._take_in(self._odometry.add_ticks(stamp_ns, counters.left, counters.right))
 
     def _begin_sample(self, stamp_ns: int) -> int:
-        """Count a sample, and start anew when a bag is played again; returns its time on the inner clock."""
+        """Count a sample, and restart if a bag is played again; returns its time on the inner clock."""
         self._samples.heard()
         if self._clock.take(stamp_ns) is StampKind.BACK:
             went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
             if self._begins_again:
-                rospy.logwarn(f"{went_back}: starting anew")
+                rospy.logwarn(f"{went_back}: restarting")
                 self._odometry.reset()
                 self._clock.reset()
                 self._clock.take(stamp_ns)
             else:
-                rospy.logwarn(f"{went_back}: the clock was set back, the pose stays")
+                rospy.logwarn(f"{went_back}: the clock was set back, the pose does not change")
                 self._clock.set_back(stamp_ns)
         return self._clock.inner_ns(stamp_ns)
 

@@ -1,1 +1,1 @@
-"""The bundle adjustment over the window, and what marginalised parts leave behind."""
+"""The bundle adjustment over the window, and the prior from marginalised keyframes and points."""

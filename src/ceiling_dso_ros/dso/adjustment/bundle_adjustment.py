@@ -13,7 +13,7 @@ from ceiling_dso_ros.dso.window.points import INLIER, NONE, PointTable
 
 DAMPING = 1e-5
 PRECONDITIONER = 10.0
-# Smallest RMS steps worth another iteration: translation (times mean inverse depth), rotation, a, b.
+# RMS steps below which the iterations end: translation (times mean inverse depth), rotation, a, b.
 MIN_STEP = np.array([1e-4, 1e-4, 6e-3, 0.2])
 
 
@@ -29,7 +29,7 @@ def affine_prior(window: KeyframeWindow, information: np.ndarray) -> Tuple[np.nd
 
 
 def null_space(window: KeyframeWindow) -> np.ndarray:
-    """Orthonormal basis, (4 + 8 n, 7) float64, of what images cannot see: the world's pose and the unit of length."""
+    """Orthonormal basis, (4 + 8 n, 7) float64, of what images leave undetermined: world pose and unit of length."""
     n = window.count
     basis = np.zeros((INTRINSICS + FRAME_PARAMETERS * n, 7))
     for slot in range(n):
@@ -56,10 +56,10 @@ def unit_direction(window: KeyframeWindow) -> np.ndarray:
 
 
 def unseen(window: KeyframeWindow, first: bool) -> np.ndarray:
-    """Directions to keep out of a step, (4 + 8 n, m) float64: all that images cannot see, but in a first step few.
+    """Directions to remove from a step, (4 + 8 n, m) float64: in general all that images do not determine.
 
-    There it is the unit of length while the prior is diagonal: before any point was marginalised nothing holds the
-    unit, and rounding alone would set how far the step changes it.
+    In a first step it is only the unit of length, and only while the prior is diagonal: before a point is marginalised,
+    nothing determines the unit, and rounding errors alone would change it.
     """
     if not first:
         return null_space(window)
@@ -72,10 +72,11 @@ def unseen(window: KeyframeWindow, first: bool) -> np.ndarray:
 def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Step x of H x = -b for H symmetric positive semi-definite (n, n) float64; scales its diagonal to about one.
 
-    Where nothing is known, as along a motion that only sets the unit of length, rounding may leave a diagonal below
-    zero: no step there.
+    Where there is no information, as along a change of the unit of length, rounding may make a diagonal entry negative.
+    There is no step in such a direction.
 
-    Own Cholesky: for a window's size as fast as LAPACK, and neither its threads nor its summation order interfere.
+    The Cholesky factorisation is our own: for the size of a window it is as fast as LAPACK, and its result does not
+    depend on the number of threads.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 0.0) + PRECONDITIONER)
     scaled = scale[:, None] * H * scale
@@ -84,7 +85,7 @@ def solve(H: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 class BundleAdjustment:
-    """Refines a window. Holds memory only: the estimate lives in the window."""
+    """Refines a window. It holds scratch memory only; the estimate is part of the window."""
 
     def __init__(self, window: KeyframeWindow, config: OptimizationConfig) -> None:
         self.config = config
@@ -96,7 +97,7 @@ class BundleAdjustment:
     def optimize(self, window: KeyframeWindow) -> float:
         """Refine the window; removes residuals that end as outliers or outside.
 
-        Returns the RMSE in grey levels, nan when nothing holds the newest keyframe any more.
+        Returns the RMSE in grey levels, nan when no residual constrains the newest keyframe any more.
         """
         iterations = self.config.iterations if window.count >= 4 else self.config.first_iterations
         window.relinearize(window.newest)

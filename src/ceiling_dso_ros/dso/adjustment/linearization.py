@@ -38,7 +38,7 @@ from ceiling_dso_ros.dso.window.points import (
 
 @struct_of_arrays
 class Scratch(NamedTuple):
-    """Memory that one linearisation works in; float32.
+    """Scratch memory of one linearisation; float32.
 
     Attributes:
         live, live_sums: the points of a pair with live residuals, and the sums of these; one more entry stays zero.
@@ -88,7 +88,7 @@ def classify(
     """
     total, count = np.float32(0), 0
     position[:] = nowhere
-    for k in range(index.size):  # without a branch, which nothing could predict
+    for k in range(index.size):  # without a branch, because a branch could not be predicted
         i, inside = index[k], live_sums.in_bounds[k] != 0
         good = inside and live_sums.energy[k] <= threshold and live_sums.gradient[k] >= MIN_GRADIENT
         state[i] = INLIER if good else (OUTLIER if inside else OUT_OF_BOUNDS)
@@ -127,7 +127,7 @@ def add_pair(
     points: PointArrays, idepth_relative: np.ndarray, first: int, last: int, intrinsics: np.ndarray,
     R: np.ndarray, t: np.ndarray, scratch: Scratch, pair_system: np.ndarray,
 ) -> None:  # fmt: skip
-    """From the sums of a pair's inliers to its (13, 13) normal equations and to the inverse depths' rows."""
+    """Add the normal equations, (13, 13), of a pair's inliers, and their rows of the inverse depths."""
     n = last - first
     for array, live_array in zip(scratch.sums, scratch.live_sums):
         take(live_array, scratch.position[:n], array[:n])
@@ -305,7 +305,7 @@ class Linearization:
         )  # fmt: skip
 
     def assess(self, window: KeyframeWindow, points: PointTable) -> None:
-        """Renew the energy, and states and energies of the residuals; H, b and what points got from them stay."""
+        """Update the energy, and states and energies of the residuals; H, b and the points' Hessians do not change."""
         n = window.count
         self.energy, self.count = assess_window(
             n, points.host_ranges(n), points.arrays, points.residuals, window.keyframes,

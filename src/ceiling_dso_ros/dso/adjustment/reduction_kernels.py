@@ -1,4 +1,5 @@
-"""Kernels that reduce the normal equations of a host: without inverse depths, from relative to absolute parameters.
+"""Kernels that reduce the normal equations of a host: they eliminate the inverse depths and change from relative to
+absolute parameters.
 
 The relative parameters of a host-target pair are the motion (left increment), the gain and the offset. They depend on
 the parameters of the two keyframes: the relative motion moves by d_target - Ad(T_target_host) d_host; the columns for

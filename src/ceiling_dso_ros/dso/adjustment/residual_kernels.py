@@ -52,7 +52,7 @@ class PixelSums(NamedTuple):
 
 @struct_of_arrays
 class LivePoints(NamedTuple):
-    """The points of a host that have a live residual in one target, gathered to stand next to each other.
+    """The points of a host that have a live residual in one target, stored contiguously.
 
     Attributes:
         index: (capacity,) int64 which of the host's points they are.
@@ -132,7 +132,7 @@ def gather_live(
 ) -> int:  # fmt: skip
     """Gather a host's points, from `first` on, whose entry in live is not zero; returns their number."""
     count = 0
-    for i in range(live.size):  # without a branch, which nothing could predict
+    for i in range(live.size):  # without a branch, because a branch could not be predicted
         points.index[count] = i
         count += np.int64(live[i] != 0)
     last = first + live.size

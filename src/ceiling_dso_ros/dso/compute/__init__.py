@@ -1,1 +1,1 @@
-"""What the odometry computes with: compiled kernels, structs of arrays, linear systems, times and threads."""
+"""Tools for the computation: compiled kernels, structs of arrays, linear systems, timers and threads."""

@@ -8,8 +8,8 @@ multiplications fused, but NaN and infinity keep their meaning.
 gather from one array and store to another vectorise only with it. numba has the flag but no public option; where a
 version lacks it, the plain kernel is used, which is correct and slower.
 
-`kernel_inlined` is for what is called per pixel: a loop that calls does not vectorise, and LLVM leaves a function of
-some length as a call unless it is told not to.
+`kernel_inlined` is for functions that are called per pixel: a loop with a call does not vectorise, and LLVM does not
+inline longer functions by itself.
 """
 
 import warnings
@@ -27,7 +27,7 @@ _OPTIONS: Dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"
 
 
 def _let_avx2_gather() -> None:
-    """On processors with AVX2 but not AVX-512 LLVM reads pixels one by one unless it is told that gathers are fast."""
+    """Tell LLVM that gathers are fast; else it reads pixels one by one on processors with AVX2 but without AVX-512."""
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
     names = features.split(",")
     if "+avx2" in names and "+avx512f" not in names and not any("fast-gather" in name for name in names):

@@ -1,6 +1,6 @@
 """Small dense symmetric positive definite systems, solved inside kernels.
 
-LAPACK rounds differently with another number of threads, also for systems as small as these; poses must not.
+LAPACK's rounding depends on the number of threads, also for systems as small as these. Poses must not depend on it.
 """
 
 import math

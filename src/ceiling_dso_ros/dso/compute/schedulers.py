@@ -1,4 +1,4 @@
-"""When the mapping's work is done: at once, or beside the tracking in a thread of its own."""
+"""When the mapping runs: at once, or in its own thread beside the tracking."""
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -8,7 +8,7 @@ Task = Callable[[], Any]
 
 
 class SequentialScheduler:
-    """Does every task where it is given: the same input gives the same results, and the caller waits for them."""
+    """Runs every task at once: the same input gives the same results, and the caller waits for them."""
 
     def __init__(self) -> None:
         self._futures: Deque[Future] = deque()
@@ -28,9 +28,9 @@ class SequentialScheduler:
         self._futures.append(future)
 
     def take_results(self) -> List[Any]:
-        """What ended tasks returned, in their order; each result is given once.
+        """Results of the tasks that have ended, in their order; each result is given once.
 
-        What a task raised is raised, when all that ended before it has been taken.
+        An exception of a task is raised here, after the results of the tasks before it were taken.
         """
         results: List[Any] = []
         while self._futures and self._futures[0].done():

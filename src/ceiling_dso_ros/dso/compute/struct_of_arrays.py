@@ -1,8 +1,9 @@
 """Structs of arrays as arguments of kernels.
 
-numba 0.58 looks the type of a named tuple up by a fingerprint, and loses the beginning of one longer than 40 bytes. So
-it does not find it again: it types every array anew, a quarter of a millisecond a call, and keeps the useless entry for
-ever. A class decorated with `struct_of_arrays` tells its type itself, once for all instances.
+numba 0.58 looks up the type of a named tuple by a fingerprint, and loses the beginning of a fingerprint longer than 40
+bytes. So it does not find the type again: at every call it determines the type of every array anew, which takes a
+quarter of a millisecond, and keeps the useless entry. A class decorated with `struct_of_arrays` gives numba its type
+itself, once for all instances.
 """
 
 from typing import Dict, NamedTuple, Type, TypeVar

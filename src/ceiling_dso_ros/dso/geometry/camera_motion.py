@@ -1,4 +1,4 @@
-"""How the camera has moved, as others than its images say: a hypothesis for the tracking, never a measurement."""
+"""A motion of the camera predicted by other sensors: a hypothesis for the tracking, never a measurement."""
 
 from dataclasses import dataclass
 from typing import Iterator
@@ -7,8 +7,8 @@ import numpy as np
 
 from ceiling_dso_ros.dso.geometry import se3
 
-SIGMAS = 2.0  # how far from the likeliest motion it is worth looking
-MIN_SPREAD = 0.005  # rad, or units at a depth of about one: tracking finds its way from nearer by itself
+SIGMAS = 2.0  # distance of the alternatives from the most likely motion, in sigmas
+MIN_SPREAD = 0.005  # rad, or units at a depth of about one: from a smaller distance tracking converges by itself
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class CameraMotion:
     covariance: np.ndarray
 
     def alternatives(self) -> Iterator[np.ndarray]:
-        """T_start_end (4, 4) two sigma away along the axes of the covariance, the widest axis first, narrow ones not.
+        """T_start_end (4, 4) two sigma away along the wide axes of the covariance, the widest first.
 
-        So where the scale is hardly known yet, a shorter and a longer way.
+        If the scale is uncertain, these are a shorter and a longer translation.
         """
         variances, axes = np.linalg.eigh(self.covariance)
         for variance, axis in zip(variances[::-1], axes.T[::-1]):

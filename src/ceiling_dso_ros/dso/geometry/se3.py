@@ -103,7 +103,7 @@ def adjoint(T: np.ndarray) -> np.ndarray:
 
 
 def orthonormalized(T: np.ndarray) -> np.ndarray:
-    """The motion nearest to T: removes the rounding that long products accumulate."""
+    """The rigid motion nearest to T: removes the rounding errors of long products."""
     U, _, Vt = np.linalg.svd(T[:3, :3])
     result = np.eye(4)
     result[:3, :3] = U @ Vt

@@ -1,1 +1,1 @@
-"""What is made of an image: its pyramid, samples between pixels, the pixels worth tracking."""
+"""Processing of one image: its pyramid, interpolation, and the selection of pixels for tracking."""

@@ -1,4 +1,4 @@
-"""An image on its way through the odometry."""
+"""An image and its estimates while the odometry processes it."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Frame:
-    """What is known of an image so far.
+    """An image with the estimates made so far.
 
     Attributes:
         stamp_ns: nanoseconds.

@@ -1,15 +1,15 @@
-"""What the square cells of an image hold: their strongest pixels, and whether there is texture in them."""
+"""Square cells of an image: their strongest pixels, and whether they have texture."""
 
 import numpy as np
 
 from ceiling_dso_ros.dso.images.selection import BORDER, SelectedPixels, squared_gradient
 
-TEXTURE_LEVEL, TEXTURE_COLUMNS = 2, 26  # where texture is looked for: pyramid level, and cells in its width
-TEXTURE_GRADIENT2 = 3.0**2  # of a cell's strongest pixel there; noise alone is well below
+TEXTURE_LEVEL, TEXTURE_COLUMNS = 2, 26  # where texture is measured: pyramid level, and number of cells in its width
+TEXTURE_GRADIENT2 = 3.0**2  # gradient of a cell's strongest pixel there; noise alone is well below
 
 
 def strongest_per_cell(gradient2: np.ndarray, width: int, height: int, density: float) -> SelectedPixels:
-    """The pixel of largest gradient of every cell, with cells such that about this share of all pixels is taken."""
+    """The pixel with the largest gradient in every cell; the cell size gives about the wanted share of all pixels."""
     cell = max(1, round(1.0 / np.sqrt(density)))
     cells = _cells(gradient2, width, height, cell)
     rows, columns = cells.shape[:2]

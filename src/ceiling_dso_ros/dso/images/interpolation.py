@@ -1,11 +1,11 @@
 """Samples of an image and its gradient between pixels. Images are flat float32 arrays, row after row.
 
-A residual compares a pixel of one image with a sample of another, and a bilinear sample is too smooth: it misses half
-of f (1 - f) times the second derivative, f being the way past a pixel. That error does not average out over a residual
-pattern that is not symmetric, and pushes every point the same way. So where accuracy counts, samples are cubic along
-both axes (R. G. Keys, "Cubic convolution interpolation for digital image processing", 1981, with a = -1/2, without the
-terms that mix the axes): they need the same twelve pixels as the gradient, the bilinear interpolation of central
-differences.
+A residual compares a pixel of one image with a sample of another. A bilinear sample is too smooth: with the fraction f
+of a pixel, its error is half of f (1 - f) times the second derivative. This error does not average out over a residual
+pattern that is not symmetric, and shifts all points in the same direction. So where accuracy matters, samples are cubic
+along both axes (R. G. Keys, "Cubic convolution interpolation for digital image processing", 1981, with a = -1/2,
+without the terms that mix the axes): they need the same twelve pixels as the gradient, the bilinear interpolation of
+central differences.
 """
 
 from typing import Tuple

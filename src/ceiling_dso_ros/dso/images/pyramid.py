@@ -11,7 +11,7 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 
 MIN_PIXELS = 5000
 MAX_LEVELS = 6
-MIN_LEVELS = 3  # pixels are selected on as many
+MIN_LEVELS = 3  # the pixel selection uses this many
 QUARTER = np.float32(0.25)
 
 
@@ -29,7 +29,7 @@ class PyramidShape:
 
     @classmethod
     def of(cls, width: int, height: int) -> "PyramidShape":
-        """Halve while both sides stay even, more than 5000 pixels were there, and at most 6 levels come out."""
+        """Halve while both sides are even and a level has more than 5000 pixels, up to 6 levels."""
         sizes = [(width, height)]
         while width % 2 == 0 and height % 2 == 0 and width * height > MIN_PIXELS and len(sizes) < MAX_LEVELS:
             width, height = width // 2, height // 2

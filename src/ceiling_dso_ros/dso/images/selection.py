@@ -1,9 +1,9 @@
-"""Which pixels of a keyframe become candidate points: well spread, each where the image is rich for its neighbourhood.
+"""Selects the candidate points of a keyframe: well spread pixels with large gradients for their surroundings.
 
-The threshold follows the image: the median gradient of its 32x32 block plus a margin. A grid of cells then takes the
-strongest pixel of each cell, measured along a direction drawn for the cell; cells two and four times as large, with
-lower thresholds on coarser levels, fill what the fine ones left empty. The cell size adapts until the wanted number is
-met.
+The threshold adapts to the image: it is the median gradient of the 32x32 block plus a margin. In a grid of cells, the
+strongest pixel of each cell is selected, measured along a pseudo-random direction of the cell. Cells two and four times
+as large, with lower thresholds on coarser levels, fill regions where small cells found nothing. The cell size is
+adapted until the wanted number of pixels is found.
 """
 
 from dataclasses import dataclass
@@ -89,7 +89,7 @@ def strongest_in_cell(
 ) -> int:  # fmt: skip
     """Index (y * width + x on level 0) of the strongest pixel of [x0, x1) x [y0, y1) on a level, -1 if none passes.
 
-    Each pixel of the level is looked at once; it stands for its first pixel on level 0 that is in the cell.
+    Each pixel of the level is considered once, and represents its first pixel on level 0 in the cell.
     """
     if x0 >= x1 or y0 >= y1:
         return -1
@@ -170,7 +170,7 @@ def select_in_grid(
 
 
 class PixelSelector:
-    """Selects about a wanted number of pixels; remembers the cell size that the last image needed."""
+    """Selects about a wanted number of pixels; starts with the cell size of the last image."""
 
     def __init__(self, pool: PyramidPool) -> None:
         self._pool = pool
@@ -218,7 +218,7 @@ class PixelSelector:
 
     def _thinned(self, count: int, wanted: int, width: int) -> SelectedPixels:
         indices, kinds = self._indices[:count], self._kinds[:count]
-        if count > wanted:  # drop evenly over a fixed shuffle
+        if count > wanted:  # drop pixels evenly, by a fixed random order
             keep = np.random.default_rng(count).permutation(count)[:wanted]
             indices, kinds = indices[keep], kinds[keep]
         order = np.argsort(indices, kind="stable")

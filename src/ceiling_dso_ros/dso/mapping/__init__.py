@@ -1,1 +1,1 @@
-"""What happens to the window when images are traced and keyframes are made."""
+"""Mapping: tracing of candidate points, and insertion of keyframes into the window."""

@@ -1,4 +1,4 @@
-"""Activation: candidates with a narrow interval become points of the bundle adjustment where points are missing."""
+"""Activation: where points are missing, candidates with a narrow depth interval become active points."""
 
 from typing import Tuple
 
@@ -28,7 +28,7 @@ def stamp_all(distance2: np.ndarray, x: np.ndarray, y: np.ndarray, reach: int) -
 
 
 class Activator:
-    """Keeps the number of active points near the wanted one by adapting the spacing that it demands."""
+    """Keeps the number of active points near the wanted one by adapting their minimum spacing."""
 
     def __init__(self, window: KeyframeWindow, wanted: int, config: ActivationConfig) -> None:
         self.config = config
@@ -37,7 +37,7 @@ class Activator:
         self._distance2 = np.zeros(((window.height + 1) // 2, (window.width + 1) // 2), np.int32)
 
     def activate(self, window: KeyframeWindow) -> int:
-        """Move ripe candidates to the window's points and drop those that failed. Returns how many were activated."""
+        """Move narrow candidates to the window's points and drop those that failed; returns the number moved."""
         self._adapt_spacing(window.points.count)
         pairs = pair_geometry(window.keyframes, window.count, window.intrinsics)
         eligible = self._eligible(window)

@@ -141,8 +141,8 @@ def refine_idepths(
 
     Args:
         u, v, grey, weight, ranges: as in `depth_energies`.
-        idepth: (m,) float32 first guess, and output: nan where a candidate is not fit to become a point, inf where it
-            may be later.
+        idepth: (m,) float32 first guess, and output: nan where a candidate cannot become a point, inf where it
+            may become one later.
 
     Returns:
         (n, m) uint8, 1 for targets in which a candidate is an inlier.

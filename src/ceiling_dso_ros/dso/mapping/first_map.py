@@ -1,4 +1,4 @@
-"""What a segment begins with."""
+"""The first map of a segment, as the initialiser returns it."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from ceiling_dso_ros.dso.images.selection import SelectedPixels
 
 @dataclass(frozen=True)
 class FirstMap:
-    """What the initialiser hands over.
+    """Depth of the first frame and motion to the newest one.
 
     Attributes:
         T_frame_first: (4, 4) float64 motion from the first frame to the newest, in units of the mean depth.

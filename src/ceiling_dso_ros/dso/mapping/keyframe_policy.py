@@ -30,7 +30,7 @@ class KeyframeTrigger:
         self._first_rmse = np.inf
 
     def renew(self) -> None:
-        """Begin with another reference: the next frame's error is what later ones are held against."""
+        """Start with another reference; later errors are compared with the error of the next frame."""
         self._first_rmse = np.inf
 
     def fires(self, tracked: TrackedFrame, exposure: float, reference: TrackingReference) -> bool:
@@ -68,7 +68,7 @@ def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, confi
 
 
 def least_useful(window: KeyframeWindow, position: np.ndarray) -> int:
-    """The slot, not the newest, that is far from the new keyframe and close to others: the rest stays spread out."""
+    """The slot, not the newest, far from the new keyframe and close to others, so that the rest stays spread out."""
     older = window.count - 1
     positions = np.array([window.T_world_camera(slot)[:3, 3] for slot in range(older)])
     closeness = 1.0 / (1e-5 + np.linalg.norm(positions[:, None] - positions[None], axis=2))
@@ -78,11 +78,11 @@ def least_useful(window: KeyframeWindow, position: np.ndarray) -> int:
 
 
 class PointFate:
-    """What becomes of each active point after the bundle adjustment.
+    """Which active points leave after the bundle adjustment, and how.
 
     Attributes:
-        marginalize: (points,) bool, its information goes to the prior.
-        drop: (points,) bool, it is forgotten.
+        marginalize: (points,) bool, removed, with their information added to the prior.
+        drop: (points,) bool, removed without their information.
     """
 
     def __init__(self, window: KeyframeWindow, leaving: List[int], config: OptimizationConfig) -> None:

@@ -28,14 +28,14 @@ NO_POINTS = MapPoints(np.zeros((0, 3)), np.zeros(0, np.float32))
 
 @dataclass(frozen=True)
 class MapSnapshot:
-    """What a new keyframe left behind; stays as it is while the mapping goes on.
+    """The map after a keyframe was added; it does not change while the mapping continues.
 
     Attributes:
         reference: the new keyframe with its depth, to track against.
-        keyframes: all of the window, those that leave with it too, oldest first.
+        keyframes: all keyframes of the window, oldest first, including those that leave it now.
         rmse: photometric error of the bundle adjustment, grey levels.
         window_points: the active points.
-        marginalized: the points that left with this keyframe, their information kept.
+        marginalized: the points that were marginalised with this keyframe.
         active_points, candidate_points: how many the window holds.
     """
 
@@ -52,14 +52,14 @@ class MapSnapshot:
         cls, window: KeyframeWindow, reference: TrackingReference, keyframes: Tuple[KeyframeEstimate, ...], rmse: float,
         marginalized: HostedPoints,
     ) -> "MapSnapshot":  # fmt: skip
-        """Copy what may change."""
+        """Snapshot of a window; copies everything that may change."""
         count = window.points.count
         points = window.hosted_points(np.ones(count, bool))
         return cls(reference, keyframes, rmse, points, marginalized, count, window.candidates.count)
 
     @property
     def points(self) -> MapPoints:
-        """What the window sees of the world."""
+        """The window's points in the world."""
         poses = {keyframe.keyframe_id: keyframe.T_world_camera for keyframe in self.keyframes}
         return MapPoints(self.window_points.positions_world(poses), self.window_points.grey)
 

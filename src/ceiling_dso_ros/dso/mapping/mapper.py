@@ -1,4 +1,4 @@
-"""Mapping: what happens to the window when frames are traced and keyframes are made."""
+"""Mapping: traces candidate points in frames, and inserts keyframes into the window."""
 
 from typing import List, Tuple
 
@@ -124,7 +124,7 @@ class Mapper:
         return MapSnapshot.of(window, reference, estimates, rmse, marginalized)
 
     def _idepth_range(self, reference: TrackingReference) -> Tuple[float, float]:
-        """Where the inverse depths of new candidates are searched: those of the scene so far, and well around them."""
+        """Range in which the inverse depths of new candidates are searched: that of the known points, extended."""
         margin = self._config.tracing.depth_margin
         if reference.levels[0].idepth.size < MIN_POINTS_FOR_RANGE:
             return 0.0, np.nan
@@ -138,7 +138,7 @@ class Mapper:
         self._next_id += 1
 
     def _retire_points(self, leaving: List[int]) -> HostedPoints:
-        """Points that go leave their information in the prior, or nothing. Returns the former."""
+        """Marginalise or drop the points that leave; returns the marginalised ones."""
         window = self.window
         fate = PointFate(window, leaving, self._config.optimization)
         if fate.marginalize.any():

@@ -1,4 +1,4 @@
-"""Frames on their way into the map: traced and made keyframes at once, or beside the tracking."""
+"""Hands frames to the mapping, which traces them and makes keyframes, at once or beside the tracking."""
 
 from dataclasses import replace
 from typing import Dict, List, NamedTuple, Optional
@@ -17,7 +17,7 @@ MAX_BACKLOG = 6  # frames that may wait; further ones are not traced
 
 
 class MappingResult(NamedTuple):
-    """What the mapping made of a frame; a snapshot where it became a keyframe."""
+    """Result of the mapping for a frame, with a snapshot if it became a keyframe."""
 
     timing_ms: Dict[str, float]
     snapshot: Optional[MapSnapshot]
@@ -41,7 +41,7 @@ class MappingQueue:
 
     @property
     def next_keyframe_id(self) -> int:
-        """Identity of the next keyframe. Only to be asked while no frame is in work."""
+        """Identity of the next keyframe. Only valid while no frame is being processed."""
         return self._mapper.next_id
 
     def begin(self, first: Frame, first_map: FirstMap, frame: Frame, timer: StageTimer) -> MapSnapshot:
@@ -75,7 +75,7 @@ class MappingQueue:
             self._pool.release(frame.image_slot)
 
     def take_in(self, timer: StageTimer) -> bool:
-        """Go on with what the mapping has finished; returns whether the map is a new one.
+        """Use the finished results of the mapping; returns whether there is a new map.
 
         Raises:
             TrackingLostError: the bundle adjustment has no solution, or too few points are left.
@@ -90,7 +90,7 @@ class MappingQueue:
         return self.map is not before
 
     def take_news(self) -> List[MapSnapshot]:
-        """The maps since this was asked last, oldest first."""
+        """The maps since the last call, oldest first."""
         news, self._news = self._news, []
         return news
 

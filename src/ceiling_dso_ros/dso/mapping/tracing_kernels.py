@@ -12,7 +12,7 @@ from ceiling_dso_ros.dso.images.pattern import HUBER, PATTERN_SIZE, PATTERN_X, P
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY, CandidateArrays
 
-BORDER = 5.0  # pixels that the search keeps off the image's edge
+BORDER = 5.0  # pixels between a search and the edge of the image
 MAX_STEPS = 99
 MIN_INTERVAL = 1.5  # pixels: shorter intervals are not searched
 MAX_ERROR = 10.0  # pixels
@@ -80,7 +80,7 @@ def refine_along_line(
             best_x, best_y, best_energy = x, y, energy
             step = min(max(-b / H, -0.5), 0.5)
         else:
-            step *= -0.5  # went too far: half way back
+            step *= -0.5  # overshoot: go half of the step back
         if abs(step) < MIN_REFINEMENT:
             break
         x = min(max(x + step * line_x, BORDER - 1.0), width - BORDER)
@@ -127,7 +127,7 @@ def plan_searches(
         u, v, idepth_min, idepth_max, grad_xx, grad_xy, grad_yy: (n,) float32, as in `CandidateArrays`.
         width, height, KRKi, Kt, max_search: as in `trace_host`.
         x, y, line_x, line_y, length: (n,) float64 output, as `epipolar_segment` returns them.
-        error: (n,) float64 output, what the gradient lets a search be wrong by, pixels.
+        error: (n,) float64 output, expected error of a search given the image gradient, pixels.
         outcome: (n,) int64 output, SEARCH or the outcome of a candidate that is not searched.
     """
     warp = warp_of(KRKi, Kt)

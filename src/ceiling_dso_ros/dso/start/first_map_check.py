@@ -1,4 +1,4 @@
-"""Whether a first map is to be believed: no pose has been given yet, so that it costs little to start again."""
+"""Decides whether a first map is accepted. No pose was published yet, so starting again costs little."""
 
 from typing import Optional
 
@@ -14,7 +14,7 @@ from ceiling_dso_ros.dso.tracking.uncertainty import noise_gradient2
 
 
 class FirstMapCheck:
-    """Judges first maps."""
+    """Accepts or rejects first maps."""
 
     def __init__(self, config: OdometryConfig, tracker: FrameTracker, selector: PixelSelector) -> None:
         self._config = config.initialization
@@ -23,7 +23,7 @@ class FirstMapCheck:
         self._selector = selector
 
     def fault(self, first_map: MapSnapshot, first: Frame, newest: Frame) -> Optional[str]:
-        """What is wrong with a map that was made of two frames, in words; None when nothing is."""
+        """Why a map made from two frames is rejected, in words; None if it is accepted."""
         if first_map.rmse > self._config.max_rmse:
             return f"does not explain the images ({first_map.rmse:.1f} grey levels)"
         if first_map.active_points < self._min_points:
@@ -33,7 +33,7 @@ class FirstMapCheck:
         return None
 
     def _is_textured(self, first_map: MapSnapshot, first: Frame, newest: Frame) -> bool:
-        """Whether the first frame is found again on its map beyond doubt, and not by the few points of one lamp."""
+        """Whether the first frame matches its map with enough texture, and not only with the few points of one lamp."""
         reference = first_map.reference
         T_first_reference = se3.inverse(reference.T_camera_world @ first_map.keyframes[0].T_world_camera)
         found = self._tracker.track(

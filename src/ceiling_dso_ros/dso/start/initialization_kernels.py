@@ -166,7 +166,7 @@ def align_level(
 
 @kernel
 def smooth(idepth: np.ndarray, hessian: np.ndarray, neighbours: np.ndarray, own: float, result: np.ndarray) -> None:
-    """Mix every inverse depth with the median of its informative neighbours' (share 1 - own)."""
+    """Average every inverse depth with the median of its informative neighbours (weights own and 1 - own)."""
     values = np.empty(neighbours.shape[1], np.float32)
     for i in range(idepth.size):
         n = 0

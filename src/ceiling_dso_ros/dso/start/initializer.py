@@ -1,4 +1,4 @@
-"""Initialisation: pose and depth from two frames with parallax, with no prior knowledge but that depth is smooth."""
+"""Initialisation: pose and depth from two frames with parallax; the only assumption is that depth is smooth."""
 
 import copy
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ NEIGHBOURS = 10
 OWN_SHARE = 0.2  # of a point's own inverse depth when it is smoothed with its neighbours'
 ITERATIONS = (5, 5, 10, 30, 50, 50)  # per level, finest first
 OUTLIER_ENERGY = 12.0 * 12.0 * 8 * 4
-MIN_DUAL_IDEPTH = 0.05  # of the mean: less is a plane that passes too near the camera's horizon
+MIN_DUAL_IDEPTH = 0.05  # of the mean; with less, the plane is seen nearly edge-on
 SETTLING_ROUNDS = 3
 MIN_POINTS = 100  # with depth, that a map needs
 MIN_IN_VIEW = 0.4  # share of the first frame's points
 MAX_BRIGHTNESS_CHANGE = 1.2  # |ln gain| beyond the exposures'
-MAX_MISFITS = 0.01  # share of the first frame's points that may fit nowhere, besides as many as have left the view
+MAX_MISFITS = 0.01  # share of the first frame's points that may lack a match, plus as many as left the view
 # Share of the image with texture that the first frame did not show: in the next frame, and in later ones.
 MAX_NEW_TEXTURE_AT_ONCE, MAX_NEW_TEXTURE = 0.02, 0.1
-MAX_RMSE_GROWTH = 1.5  # from one frame to the next; more says that the depths have run away
+MAX_RMSE_GROWTH = 1.5  # from one frame to the next; with more, the depths have diverged
 
 
 @dataclass
@@ -58,15 +58,15 @@ class InitializerLevel:
 def dual_motion(T_frame_first: np.ndarray, plane: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
     """The second motion and plane that give the same homography R + t n^T, to first order in the rotation.
 
-    Translation and plane normal change places: t n^T - n t^T is the rotation n x t.
+    Translation and plane normal are exchanged: t n^T - n t^T is the rotation n x t.
 
     Args:
         T_frame_first: (4, 4) motion.
         plane: (3,) n with inverse depth n . (x, y, 1).
 
     Returns:
-        The other motion and plane, the plane with the same inverse depth straight ahead; None when that would be behind
-        the camera or the same solution.
+        The other motion and plane, the plane with the same inverse depth on the optical axis; None if the plane would
+        be behind the camera or the solution is the same.
     """
     t = T_frame_first[:3, 3]
     forward = t[2] * plane[2]
@@ -96,7 +96,7 @@ class Initializer:
 
     @property
     def failed(self) -> bool:
-        """Whether the last frame could not be aligned, or too many were: another first frame is needed."""
+        """Whether another first frame is needed: the last frame could not be aligned, or too many gave no map."""
         brightness = abs(self._light[0] - self._expected_light[0])
         aligned = np.isfinite(self.rmse) and self.in_view > MIN_IN_VIEW and brightness < MAX_BRIGHTNESS_CHANGE
         return not aligned or self._frames >= self._config.max_frames
@@ -151,7 +151,7 @@ class Initializer:
     def _shows_more(self, image_slot: int) -> bool:
         """Whether a frame has texture where the first one had none, as when a cover slides off the lens.
 
-        Its edge is no part of the scene, and in a narrow view a turn looks like a way.
+        The edge of a cover is not part of the scene, and in a narrow view a rotation looks like a translation.
         """
         at_most = MAX_NEW_TEXTURE if self._frames > 1 else MAX_NEW_TEXTURE_AT_ONCE
         return self._textured(image_slot) > self._first_textured + at_most
@@ -160,7 +160,7 @@ class Initializer:
         return textured_share(self._pool.level(image_slot, TEXTURE_LEVEL), *self._pool.shape.sizes[TEXTURE_LEVEL])
 
     def _align_flat(self, image_slot: int, expected: np.ndarray) -> None:
-        """Align a frame as if the scene were a plane that is faced: little can go wrong with so few unknowns."""
+        """Align a frame as if the scene were a plane perpendicular to the view: with few unknowns this is robust."""
         self._snapped, self._frames_since_snap = False, 0
         for level in self._levels:
             level.points.idepth[: level.count] = 1.0
@@ -170,22 +170,22 @@ class Initializer:
         self._align(image_slot, start, self._expected_light)
 
     def _enough_parallax(self) -> bool:
-        """Enough frames with parallax; two suffice where it grows fast, as at few images a second."""
+        """Enough frames with parallax; two are enough where it grows fast, as with few images a second."""
         if np.linalg.norm(self._T[:3, 3]) > self._config.max_translation:
             return self._frames_since_snap >= 2
         return self._frames_since_snap > self._config.frames_after_snap
 
     def _has_depth(self) -> bool:
-        """Whether enough points of the finest level have a depth, and the motion is a number."""
+        """Whether enough points of the finest level have a depth, and the motion is finite."""
         level = self._levels[0]
         seen = np.count_nonzero(level.points.idepth_hessian[: level.count] > 0)
         return seen >= MIN_POINTS and bool(np.isfinite(self._T).all())
 
     def _fits(self) -> bool:
-        """Whether hardly more points fit nowhere than the motion can have hidden.
+        """Whether the number of points without a match is small enough to be explained by occlusion.
 
-        A motion that takes few points out of view hides few behind others. Many misfits in spite of that are a wrong
-        motion, as when a cover slid off the lens in the first frame and its edge was taken for a part of the scene.
+        A motion that moves few points out of view occludes few others. If more points have no match, the motion is
+        wrong, as when a cover slid off the lens in the first frame and its edge was taken for a part of the scene.
         """
         level = self._levels[0]
         misfits = np.count_nonzero(level.residuals.state[0, : level.count] == OUTLIER)
@@ -280,7 +280,7 @@ class Initializer:
         return InitializerLevel(points, residuals, count, neighbours, parents, np.ones(count, np.float32))
 
     def _inherit(self, index: int) -> None:
-        """Start a level from its own depth where that is known, else from the coarser level's."""
+        """Start a level from its own depth where it is known, else from that of the coarser level."""
         level, coarse = self._levels[index], self._levels[index + 1]
         own, parents = level.points.idepth_hessian[: level.count], coarse.points.idepth_hessian[level.parents]
         inherited = coarse.target[level.parents]

@@ -27,10 +27,10 @@ class FirstFrames(NamedTuple):
 
 
 class MapStart:
-    """Aligns frames to a first one until there is parallax, and takes another first one where that leads to no map.
+    """Aligns frames to a first one until there is parallax; if that gives no map, another frame becomes the first one.
 
     Attributes:
-        message: what was made of the last frame, in words.
+        message: what was done with the last frame, in words.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class MapStart:
         self.message = ""
 
     def add(self, frame: Frame, T_camera_world: np.ndarray) -> Optional[FirstFrames]:
-        """Take in a frame, and its image slot, unless it completes the map.
+        """Add a frame; takes over its image slot, unless the frame completes the map.
 
         Args:
             frame: the newest.

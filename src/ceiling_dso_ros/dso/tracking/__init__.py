@@ -1,1 +1,1 @@
-"""The pose of an image against the newest keyframe."""
+"""Tracking: the pose of an image relative to the newest keyframe."""

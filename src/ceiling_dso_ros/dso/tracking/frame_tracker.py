@@ -23,12 +23,12 @@ MAX_OFFSET = 200.0
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
 UNIT_STRIDE = 8
 SEARCH_ANGLE = 0.02  # rad
-FINE_LEVELS = 2  # on coarser ones a grating may look like plain grey, or like itself a period further
+FINE_LEVELS = 2  # on coarser levels a grating may look uniformly grey, or match when shifted by one period
 
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """Where a frame was found.
+    """Result of tracking a frame.
 
     Attributes:
         T_frame_reference: (4, 4) float64 motion from the reference keyframe's camera to the frame's.
@@ -37,7 +37,7 @@ class TrackedFrame:
         saturated: share of points whose error exceeds the cutoff there.
         translation_flow, motion_flow: mean squared flow in pixels^2 by the translation alone, by the whole motion.
         covariance: (6, 6) float64 of (translation, rotation), a left increment on T_frame_reference.
-        weakest: squared gradient along the motion that is seen worst, in units of what noise alone gives.
+        weakest: squared gradient along the motion that the image determines worst, relative to that of noise.
     """
 
     T_frame_reference: np.ndarray
@@ -58,8 +58,8 @@ def motion_hypotheses(
     Args:
         T_last_reference: (4, 4) motion from the reference to the last frame.
         T_last_previous: (4, 4) motion from the frame before to the last frame.
-        prediction: motion from the last frame to this one, by other means, if there are any; where that is wrong by no
-            more than it says, one of its alternatives is near.
+        prediction: motion from the last frame to this one, predicted by other sensors, if there is one. If its error
+            agrees with its covariance, one of its alternatives is near the true motion.
     """
     velocity = se3.log(T_last_previous)
     constant = T_last_previous @ T_last_reference
@@ -91,14 +91,14 @@ class FrameTracker:
         self, image_slot: int, exposure: float, reference: TrackingReference, hypotheses: Iterable[np.ndarray],
         affine: np.ndarray, expected_rmse: float,
     ) -> Optional[TrackedFrame]:  # fmt: skip
-        """Find the frame in a pool slot; None when no hypothesis leads to it.
+        """Track the frame in a pool slot; None when no hypothesis converges.
 
         Args:
             exposure: of the frame, ms, 1 when unknown.
-            hypotheses: T_frame_reference to try in order; the first one on the finest levels alone, too, where
-                coarse ones mislead it.
+            hypotheses: T_frame_reference to try in order. The first one is also tried on the finest levels alone, in
+                case the coarse levels mislead it.
             affine: first guess of the frame's brightness (a, b).
-            expected_rmse: the last frame's; a hypothesis not much worse is taken at once.
+            expected_rmse: the last frame's; a hypothesis with a similar error is accepted at once.
         """
         growth = self._config.max_rmse_growth
         best: Optional[TrackedFrame] = None
@@ -114,7 +114,7 @@ class FrameTracker:
         return best
 
     def _attempts(self, hypotheses: Iterable[np.ndarray]) -> Iterable[Tuple[np.ndarray, int]]:
-        """Hypotheses with the number of pyramid levels that each is followed down."""
+        """Hypotheses, each with the number of pyramid levels on which it is tried."""
         for k, hypothesis in enumerate(hypotheses):
             yield hypothesis, self._pool.shape.levels
             if k == 0:
@@ -124,7 +124,7 @@ class FrameTracker:
         self, image_slot: int, exposure: float, reference: TrackingReference, T_frame_reference: np.ndarray,
         affine: np.ndarray, limits: List[float], errors: List[float],
     ) -> Optional[TrackedFrame]:  # fmt: skip
-        """Follow one hypothesis down as many levels as there are limits, to the finest; None as soon as it fails."""
+        """Align one hypothesis from coarse to fine, on as many levels as there are limits; None as soon as it fails."""
         T, ab = T_frame_reference, affine
         ratio = exposure / reference.exposure
         saturated = 1.0

@@ -1,4 +1,4 @@
-"""What the last two frames tell of the next one."""
+"""Predicts the next frame's motion from the last two frames."""
 
 from typing import Callable, Iterable, List, NamedTuple, Optional
 
@@ -55,7 +55,7 @@ class TrackHistory:
         Args:
             reference: the newest keyframe.
             pose_of: T_world_camera, (4, 4), of a keyframe by its identity.
-            prediction: motion from the last frame to the next one by other means, if there are any.
+            prediction: motion from the last frame to the next one, predicted by other sensors, if there is one.
         """
         last, previous = (
             pose_of(pose.keyframe_id) @ pose.T_keyframe_camera for pose in (self._poses[-1], self._poses[0])

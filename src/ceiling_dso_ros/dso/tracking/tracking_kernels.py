@@ -160,7 +160,7 @@ def accumulate(
 
 @kernel
 def step_size(step: np.ndarray) -> float:
-    """Size of a step (translation, rotation, a, b) as an angle: brightness matters far less for what follows."""
+    """Size of a step (translation, rotation, a, b) as an angle; brightness has a small weight."""
     a, b = 0.1 * step[6], 0.001 * step[7]
     return math.sqrt((step[:6] * step[:6]).sum() + a * a + b * b)
 
@@ -181,8 +181,8 @@ def align(
         exposure_ratio: exposure of the frame over that of the reference.
         prior: (2,) information per point on a and b, which keeps them near the reference's.
         max_iterations: at most so many steps.
-        min_step: a step of a smaller `step_size` is the last one, and not worth another look at the image.
-        system: (9, 9) float64 output, normal equations at the result, or but a last small step from it.
+        min_step: a step of a smaller `step_size` is the last one, and is not evaluated again.
+        system: (9, 9) float64 output, normal equations at the result, or one small step before it.
 
     Returns:
         T_frame_reference, (a, b), RMSE in grey levels, share of saturated points. RMSE is inf with too few points.

@@ -89,7 +89,7 @@ def collect(
     pixels: np.ndarray, idepth_sum: np.ndarray, weight_sum: np.ndarray, image: np.ndarray, width: int, height: int,
     diagonal: bool, seen: np.ndarray, u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray,
 ) -> int:  # fmt: skip
-    """List the pixels with depth, and the empty ones next to them with the mean of their neighbours'.
+    """List the pixels with depth, and the empty pixels next to them with the mean depth of their neighbours.
 
     Args:
         pixels: those with depth.
@@ -146,7 +146,7 @@ class ReferenceBuilder:
             idepth_sum[pixels], weight_sum[pixels] = 0, 0
         width, height = self._shape.sizes[0]
         count = splat(*self._visible_points(window), width, height, self._idepth[0], self._weight[0], self._pixel_list)
-        self._pixels[0] = np.sort(self._pixel_list[:count])  # memory order is quicker to sample
+        self._pixels[0] = np.sort(self._pixel_list[:count])  # sampling is faster in memory order
         for level in range(1, self._shape.levels):
             fine = level - 1
             count = sum_down(

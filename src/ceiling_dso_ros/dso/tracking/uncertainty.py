@@ -1,9 +1,9 @@
-"""What a tracked frame tells about its own pose, and what it does not tell.
+"""Uncertainty of a tracked pose: which motions of the camera the image determines.
 
-J^T W J of the tracking takes every image gradient for texture, also one that is only noise. With M the same sum for
+J^T W J of the tracking treats every image gradient as texture, also gradients of pure noise. With M the same sum for
 gradients of one grey level per pixel in either direction, the generalised eigenvalues of (J^T W J, M) are mean squared
-gradients along independent motions of the camera. What noise alone gives is subtracted from each (errors in
-variables): a motion along the only edge in sight then has hardly any information left.
+gradients along independent motions of the camera. The contribution of noise is subtracted from each (errors in
+variables). Then a motion along the only visible edge has hardly any information left.
 """
 
 from dataclasses import dataclass
@@ -17,8 +17,9 @@ from ceiling_dso_ros.dso.geometry.projection import intrinsics_of, pose_jacobian
 # Neighbouring points share depth errors, and the pose of the keyframe has an error of its own, so that residuals count
 # for far less than as many independent ones. Measured: simulated drives on three ceilings, 848x480.
 CORRELATION = 9.0
-# The first map comes from two near views. Until wider ones have corrected it, its error outweighs what the images leave
-# open. Measured likewise: its variance in units of theirs, and in how many keyframes it falls to 1 / e.
+# The first map comes from two views from nearby positions. Until more distant views have corrected it, its error is
+# larger than that of the tracking. Measured in the same way: its variance relative to that of the tracking, and the
+# number of keyframes in which it falls to 1 / e.
 FIRST_MAP, FIRST_MAP_KEYFRAMES = 20.0, 4.0
 # Variance of a central difference of independent noise is half of the noise's, of its bilinear interpolation 4/9 of
 # that, and the noise's at most half of the squared photometric error between two images.
@@ -63,7 +64,7 @@ def unit_information(
 
 @dataclass(frozen=True)
 class Observability:
-    """How well each motion of the camera is seen.
+    """How well the image determines each motion of the camera.
 
     Attributes:
         gradients: (6,) float64 mean squared gradient along each motion, growing, (grey levels / pixel)^2.
@@ -88,7 +89,7 @@ class Observability:
 
     @property
     def weakest(self) -> float:
-        """Squared gradient along the motion that is seen worst, in units of the noise's."""
+        """Squared gradient along the motion that the image determines worst, relative to that of noise."""
         return float(self.gradients[0] / self.noise) if self.noise > 0 else np.inf
 
     def covariance(self, rmse: float) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""The window of keyframes: everything that outlasts an image."""
+"""The window of keyframes: all state that is kept between images."""

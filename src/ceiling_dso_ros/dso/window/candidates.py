@@ -27,7 +27,7 @@ class CandidateArrays(NamedTuple):
         quality: second best over best energy of the last search.
         interval: length of the interval in pixels of the last trace.
         host: int64 window slot of the host keyframe; candidates are sorted by it.
-        outcome: uint8, what the last trace ended with, see trace_outcome.
+        outcome: uint8, result of the last trace, see trace_outcome.
     """
 
     u: np.ndarray
@@ -96,7 +96,7 @@ class CandidateTable:
         self, pixels: SelectedPixels, host: int, image: np.ndarray, width: int,
         idepth_range: Tuple[float, float] = (0.0, np.nan),
     ) -> None:  # fmt: skip
-        """Append untraced candidates of the newest host; those beyond the capacity are left out.
+        """Append untraced candidates of the newest host; candidates beyond the capacity are dropped.
 
         Args:
             pixels, host, image, width: where they are.

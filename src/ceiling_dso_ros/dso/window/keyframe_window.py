@@ -56,7 +56,7 @@ class Prior(NamedTuple):
 
 
 class KeyframeWindow:
-    """All that the bundle adjustment works on."""
+    """All variables of the bundle adjustment."""
 
     def __init__(self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool) -> None:
         slots = config.window.max_keyframes + 1
@@ -128,7 +128,7 @@ class KeyframeWindow:
         self.prior = Prior(H, b)
 
     def relinearize(self, slot: int) -> None:
-        """Move a keyframe's evaluation point to its estimate. Only right while the prior does not involve it."""
+        """Move a keyframe's evaluation point to its estimate. Only valid while the prior does not contain it."""
         self.keyframes.T_camera_world_eval[slot] = se3.orthonormalized(self.keyframes.T_camera_world[slot])
         self.keyframes.affine_eval[slot] = self.keyframes.affine[slot]
         self.keyframes.offset[slot] = 0.0
@@ -144,7 +144,7 @@ class KeyframeWindow:
             self.keyframes.affine[slot] = self.keyframes.affine_eval[slot] + offset[6:]
 
     def remove_keyframe(self, slot: int) -> None:
-        """Forget a keyframe with its points, candidates and image. The prior must not hold it any more."""
+        """Remove a keyframe with its points, candidates and image. The prior must not contain it any more."""
         self.pool.release(int(self.keyframes.image_slot[slot]))
         for array in self.keyframes:
             array[slot:-1] = array[slot + 1 :]
@@ -153,7 +153,7 @@ class KeyframeWindow:
         self.candidates.remove_host(slot)
 
     def estimates(self, segment: int, leaving: Tuple[int, ...] = ()) -> Tuple[KeyframeEstimate, ...]:
-        """The keyframes as they stand; `leaving` are the slots that are about to be marginalised."""
+        """The current keyframes; `leaving` are the slots that are about to be marginalised."""
         return tuple(
             KeyframeEstimate(
                 keyframe_id=self.ids[slot],

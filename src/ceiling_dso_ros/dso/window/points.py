@@ -150,7 +150,7 @@ class PointTable:
         self.count = indices.size
 
     def _lasting(self) -> Tuple[np.ndarray, ...]:
-        """What outlives a linearisation; the rest is written anew by the next one."""
+        """The arrays that are kept between linearisations; each linearisation overwrites the others."""
         points, residuals = self.arrays, self.residuals
         return (
             points.u, points.v, points.kind, points.grey, points.weight, points.idepth, points.idepth_hessian,
