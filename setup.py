@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What catkin and pip both need; pyproject.toml has the rest. Not to be called by hand: use catkin or pip."""
 
 from pathlib import Path

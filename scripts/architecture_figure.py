@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Draws the figure of docs/architecture.md: .venv/bin/python scripts/architecture_figure.py [docs/images]."""
 
 import sys

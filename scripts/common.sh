@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 # Shared by the scripts of this folder; sourced, with the checkout as working directory.
 # shellcheck shell=bash
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Compares the poses published by the nodes with the wheels alone: scripts/demo_report.py DIR, after `evaluate DIR`.
 
 Prints a table and writes DIR/report.md with the figures; exits with 1 when the fused odometry is worse.

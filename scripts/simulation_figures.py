@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Draws the simulator's figures of the README: .venv/bin/python scripts/simulation_figures.py [docs/images].
 
 ceilings.png shows the camera's view under every ceiling; wheel_drift.png shows the dead reckoning on `square` and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Imports run one way, libraries stay in their rooms, files and folders stay small."""
 
 import ast

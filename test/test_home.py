@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The user's home folder is neither needed nor changed, and processes that start at once make no file twice."""
 
 import os

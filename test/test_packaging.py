@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The sdist and the wheel: what is in them, and that an installed wheel works from any folder."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """From the sensor to the output the stamps are the very same integers, whatever they are."""
 
 import tempfile

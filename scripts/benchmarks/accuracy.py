@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The odometry's accuracy and robustness against their limits, on the shared recordings and on simulated drives.
 
 Simulated images are 848x480 at 30 Hz. The drives are rendered once, into bags in the folder, 5 GB a seed; the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The fusion against its limits, on drives under the simulator's factory roof and on the shared recordings.
 
 The wheels' mean radius is exact, their ratio and the wheel base are 1 % wrong, each wheel errs by 2 mm after 1 m. For

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Frame times and latency against their limits: of the shared recordings, and of a simulated drive in real time.
 
 Recordings run on one core with default settings, and every frame is processed completely. Times are in the unit of

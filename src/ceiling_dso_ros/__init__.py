@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Ceiling visual odometry for indoor industrial robots: Direct Sparse Odometry and wheel fusion."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`python3 -m ceiling_dso_ros COMMAND ...`."""
 
 from ceiling_dso_ros.cli.main import run_process

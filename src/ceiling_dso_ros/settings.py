@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reads and writes settings: defaults, then a yaml file or ROS parameters, then `key=value`; one way for all."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The version of this package; its only source is package.xml."""
 
 from importlib.metadata import PackageNotFoundError, version

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A fast part of `scripts/bench accuracy`: short drives and half the image size, so wider limits."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Tables and figures of what was measured, without measuring."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Changes of the method: each reaches the code that it is about."""
 
 import numpy as np

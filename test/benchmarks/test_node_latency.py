@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What `scripts/bench speed` says of messages that have arrived, and how they arrive from nodes that really run."""
 
 import os

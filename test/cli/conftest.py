@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A small recording that the odometry can track, and the command line as users call it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`benchmark` prints tables and writes benchmark.json; what is wrong takes one line."""
 
 import json

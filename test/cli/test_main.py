@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from xml.etree import ElementTree

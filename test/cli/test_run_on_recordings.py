@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The main job on whole recordings: enough frames tracked, none lost, and accurate."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes the helpers of this directory importable from its test files, and the flight's images a fixture."""
 
 import sys

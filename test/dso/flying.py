@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A small synthetic flight for the whole odometry."""
 
 import numpy as np

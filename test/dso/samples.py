@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Grey values and gradients between pixels, by their definition and in float64: what the kernels are held against."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Images whose geometry and brightness are known exactly: a textured surface seen by a pinhole camera."""
 
 from dataclasses import dataclass, field

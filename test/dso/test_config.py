@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Every setting out of its range is refused by name."""
 
 from dataclasses import fields

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The whole odometry on a small synthetic flight: accuracy, loss, garbage, repeatability."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The odometry while its mapping is behind the tracking: nothing that the mapping found is lost."""
 
 import threading

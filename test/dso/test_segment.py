@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What a segment says of an image."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The warm-up reaches every kernel, or says that it did not; what is cached is complete and of today's sources."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The measures of the accuracy benchmark, on poses whose errors are known."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Makes the modules beside this file importable from the tests, and what they simulate available as fixtures."""
 
 import sys

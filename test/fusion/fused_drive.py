@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the fusion makes of a drive that is simulated at the level of trajectories."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The real dead reckoning of the recording `wheels_lecture_hall` against its truth."""
 
 import os

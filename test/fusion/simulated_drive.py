@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A robot at the level of trajectories: wheels that tick and slip, a visual odometry with noise, drift and losses."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Whether the errors are as large as the covariances say: mean NEES of 50 runs within its 95 % bounds.
 
 Of drives that the camera sees from end to end, and of drives of which it does not see 5 s.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds, seconds
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The fusion on the shared recording, with the trajectory of the C++ reference as its visual odometry."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Small recordings for the tests of the readers."""
 
 import cv2

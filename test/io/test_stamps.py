@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 import pytest
 
 from ceiling_dso_ros.io.stamps import format_stamp, parse_stamp_ns, parts_of_stamp, stamp_from_parts

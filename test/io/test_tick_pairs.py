@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 
 MS = 1_000_000

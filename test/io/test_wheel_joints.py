@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 from ceiling_dso_ros.io.wheel_joints import WheelJoints
 
 NAMES = ["gripper_left", "wheel_right", "wheel_left"]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What a benchmark adds up, what it writes, and what it compares with."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What is played, dropped and measured, on a clock of its own."""
 
 import numpy as np

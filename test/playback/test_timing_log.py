@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.playback.timing_log import TimingLog
 

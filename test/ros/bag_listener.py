@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Listens to a simulated bag that is played until it is told to stop, then prints what has arrived as JSON."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A master of our own, commands with the setup of the workspace's spaces, and a drive; for tests that start nodes.
 
 The helpers of this directory can be imported from its test files.

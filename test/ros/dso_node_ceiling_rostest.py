@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """dso_node on images of a ceiling: its poses are those of the odometry itself."""
 
 import os

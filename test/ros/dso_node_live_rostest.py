@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """dso_node on a camera that never stops: services, diagnostics, the map, and whatever can go wrong."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """What dso_node does with images, good and bad, whatever they show."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Plays images to a running dso_node and collects what it publishes; for the rostests."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A camera that looks at a textured plane and moves to and fro, in real time; for the rostests of dso_node."""
 
 import threading

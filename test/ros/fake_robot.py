@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A robot that drives a circle in real time, with a visual odometry that errs nowhere; for rostests of the fusion."""
 
 import threading

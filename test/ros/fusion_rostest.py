@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """wheel_odometry_node and fusion_node on a robot that drives: what a navigation stack takes from them."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A drive, and playback.launch on a roscore of its own, for the tests of this folder."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """Stands for ekf_localization_node or move_base, whose parameters it reads, and for the wheels' driver.
 
 Writes what it has found into the file that STAND_IN_RESULT names, once enough has been heard: the odometry's frames,

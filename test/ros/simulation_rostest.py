@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """simulation_node as a live source for everything that runs on a robot."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 import pytest
 
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind

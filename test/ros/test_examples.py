@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The examples of cfg/examples as they are, with stand-ins for the nodes of other packages.
 
 Neither robot_localization nor move_base is in Debian. The stand-in reads the parameters that the real node reads, takes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 import threading
 
 from ceiling_dso_ros.ros.exposures import ExposureLookup

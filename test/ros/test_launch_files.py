@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The launch files as roslaunch reads them: nothing is started."""
 
 import shlex

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Parameters given in a launch file reach the nodes, from devel and install space, and all of them are shown."""
 
 import shlex

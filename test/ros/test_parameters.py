@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reading of private parameters, with a parameter server of our own."""
 
 from dataclasses import fields

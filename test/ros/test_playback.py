@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A simulated bag through playback.launch: what comes out live is what `run` gets offline, and bags may be looped."""
 
 import shutil

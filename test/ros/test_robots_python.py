@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The nodes under the robot's Python 3.8 publish what they publish under ROS's Python here, by the same bag."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """ROS's own tools take a simulated bag as it is: rosbag info, rosbag play through a roscore, rostopic hz, tf."""
 
 import json

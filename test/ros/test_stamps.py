@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Through the messages of the nodes, as they go over a wire, stamps are the very same integers."""
 
 from io import BytesIO

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
 """fusion_node beside a wheel driver that publishes the transform of the base itself."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What each part of the odometry contributes: the error with it switched off or changed.
 
 As a script it tracks with one of `CHANGES`: `python -m support.ablation CHANGE DRIVES KEPT SEEDS [RECORDING...]`.

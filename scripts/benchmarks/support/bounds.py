@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What limits the kernels: the work of each, compared with the highest rates of the core, measured in the same process.
 
 A kernel interpolates pixels, so it may be limited by loads of single numbers in random order, by arithmetic, or by

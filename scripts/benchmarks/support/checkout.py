@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Where the checkout is, and the shared recordings beside it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Half an hour of driving: whether memory or time per image grow.
 
 Times are in the machine's unit of the same minute: a machine that has other work, too, changes its speed within half an

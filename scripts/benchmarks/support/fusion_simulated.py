@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Parts of the fusion's benchmark without images: simulated trajectories, and real wheels."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """How the time of an image grows with points, window and image size: settings, table and figure.
 
 The drive is the beginning of `loops` on `factory`; points are the active ones of the window, with three candidates for

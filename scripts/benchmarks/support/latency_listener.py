@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Records when messages arrive while a bag is played, and writes the times as JSON when it is stopped.
 
 Run with ROS's environment by `support/node_latency.py`. It does not subscribe to the images: that would cost as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Changes of the method for which there is no setting, for the ablation.
 
 Constants are compiled into the kernels, and a change cannot be undone within a process. So each change needs its own

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Latency from an image's stamp to the published pose: a bag in real time through playback.launch, with the fusion."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Processes on a separate roscore, with the catkin workspace of this checkout; all are ended."""
 
 import os

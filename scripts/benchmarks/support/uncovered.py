@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Many starts of the odometry while a cover slides off the lens.
 
 The edge of the cover is blurred because it is near, and it moves independently of the ceiling. Until it is gone the

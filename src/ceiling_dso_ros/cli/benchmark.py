@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`benchmark`: time per frame and per stage."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`calibrate`: from a recording to the robot's dimensions."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`collect`: converts the recorded output of the nodes into trajectories for `evaluate`."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`evaluate`: the error of a run's trajectories against a reference."""
 
 import argparse

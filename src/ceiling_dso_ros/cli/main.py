@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The commands of `ceiling-dso`, which is `python3 -m ceiling_dso_ros` too, and their exit codes."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The folder that a command writes into."""
 
 from contextlib import contextmanager

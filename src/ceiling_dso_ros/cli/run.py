@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`run`: from a recording to trajectories."""
 
 import argparse

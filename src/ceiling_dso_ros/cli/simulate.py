@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """`simulate`: a simulated drive under a ceiling, as a bag with all sensor data."""
 
 import argparse

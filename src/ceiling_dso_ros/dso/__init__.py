@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Direct Sparse Odometry in numpy and numba. Knows nothing of ROS, files or wheels."""
 
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig

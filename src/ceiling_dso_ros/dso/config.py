@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Settings of the odometry: frozen dataclasses with working defaults, one per stage.
 
 The defaults are the constants of the published method; where a measured alternative is better the comment says so.

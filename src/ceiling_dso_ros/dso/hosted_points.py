@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Points of the map in the frames of their host keyframes."""
 
 from dataclasses import dataclass

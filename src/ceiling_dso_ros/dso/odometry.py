@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Direct Sparse Odometry: from images to poses."""
 
 from contextlib import suppress

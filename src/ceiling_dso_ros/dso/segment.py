@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A segment: a stretch of tracking with a map, and a unit of length, of its own."""
 
 from dataclasses import dataclass, field, replace

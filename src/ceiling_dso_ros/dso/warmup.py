@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Compile and cache every kernel before the first run: `python3 -m ceiling_dso_ros.dso.warmup`.
 
 A file beside the cached kernels says that they are complete. It contains a digest of all sources and of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Aligns an estimated trajectory with its reference: equations (14) and (15).
 
 The closed form is S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns",

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Pairs the poses of two trajectories by their stamps: equation (13)."""
 
 from typing import Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Errors of an estimated trajectory against its reference.
 
 Absolute and relative errors after Z. Zhang and D. Scaramuzza, "A tutorial on quantitative trajectory evaluation for

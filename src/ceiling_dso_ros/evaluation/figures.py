@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Figures of an evaluation: the trajectories from above and the error over the distance, as PNG and SVG.
 
 The same numbers give the same bytes: no dates, fixed identifiers.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Evaluates trajectories against a reference and gives the results as JSON and as tables."""
 
 from dataclasses import asdict, dataclass

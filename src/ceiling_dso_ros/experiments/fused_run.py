@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """One run of the fusion over a tracked recording, compared with the ground truth."""
 
 from typing import List, Sequence, Tuple

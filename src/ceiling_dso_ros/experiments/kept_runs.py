@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Results of the odometry for recordings, kept in a folder because rendering and tracking a drive takes minutes."""
 
 import hashlib

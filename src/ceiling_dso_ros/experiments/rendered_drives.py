@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Simulated drives, kept as bags because rendering an image takes several times as long as tracking it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Recordings and simulated drives with the odometry's results, both kept in a folder."""
 
 from dataclasses import dataclass

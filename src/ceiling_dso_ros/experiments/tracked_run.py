@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Results of the odometry for a recording, compared with the ground truth."""
 
 from collections import defaultdict

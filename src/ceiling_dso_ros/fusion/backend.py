@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Adds keyframes and the wheels' motion to the graph, and detects slip and jumps of the scale."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Calibration from a recording: camera mounting, wheel dimensions, and time offset of the camera.
 
 Between two images, camera and wheels measure the same motion of the base (planar hand-eye calibration):

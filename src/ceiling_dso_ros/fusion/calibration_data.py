@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Data of a calibration: pairs of images, and the wheels' path for an assumed ratio, base and time offset."""
 
 import math

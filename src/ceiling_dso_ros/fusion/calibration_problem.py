@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The least-squares problem of a calibration: residuals, initial guess in closed form, solution."""
 
 import math

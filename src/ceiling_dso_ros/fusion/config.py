@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Settings of the fusion, frozen dataclasses with working defaults, one per part; and the robot's geometry."""
 
 from dataclasses import dataclass, field

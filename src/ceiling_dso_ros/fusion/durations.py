@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Durations: stamps are integer nanoseconds, and only their differences become seconds."""
 
 from typing import TypeVar

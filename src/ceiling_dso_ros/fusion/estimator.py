@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The whole fusion: it takes wheel samples, keyframes and tracked images, and gives metric poses.
 
 The same class serves the ROS node and the offline run. Wheel and camera data need not arrive in the order of their

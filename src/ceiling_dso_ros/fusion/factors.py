@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The factors of the graph that GTSAM does not have, with analytic Jacobians.
 
 Variables: x_i, pose of the base in odom (gtsam.Pose2); l_i, logarithm of the scale at keyframe i (double); optional c,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The factor graph: base poses and log-scales of the keyframes, connected by factors of wheels and camera.
 
 `WindowGraph` keeps the newest keyframes for the live estimate; what leaves the window stays as a Gaussian prior on the

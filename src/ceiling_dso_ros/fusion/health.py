@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Determines which sensor is missing or faulty, and why."""
 
 from typing import Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Follows the keyframes of the visual odometry and the relative motions between them.
 
 The odometry refines the keyframes of its window with every new one, and all of them together: its window may drift as a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The published pose and twist: continuous, at the wheels' rate, converging to the best estimate.
 
 The best estimate is the graph's newest keyframe and the motion since (`RelativeFilter`). The graph has used all

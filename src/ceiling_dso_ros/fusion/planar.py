@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Rigid motion in the plane, SE(2), and its place in SE(3).
 
 A pose is a (3,) float64 array (x, y, yaw) in metres and radians. Small errors are right-multiplied: a pose with the

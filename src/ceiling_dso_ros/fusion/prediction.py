@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Motion of the camera by the wheels: a hypothesis for the tracking of the next image."""
 
 import numpy as np

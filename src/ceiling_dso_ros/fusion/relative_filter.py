@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kalman filter of the motion since the newest keyframe: wheels predict it, tracked images correct it."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Compares wheels and camera to detect slipping wheels and jumps of the visual scale."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Motion of the robot in the plane between two images by the visual odometry, in VO units."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Wheel odometry of a differential drive: samples to steps, steps to motions with covariance.
 
 A step is an arc driven with constant twist between two samples, integrated exactly by `planar.expmap`. The motion over

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Estimates the current errors of the wheel constants while the camera tracks, for times when it does not.
 
 The configured constants do not change. Load, tyres and floor change the true ones, which is described by a slowly

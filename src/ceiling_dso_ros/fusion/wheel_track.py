@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The recent wheel steps, which give the motion between any two recent stamps."""
 
 from collections import deque

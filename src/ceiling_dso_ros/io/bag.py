@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Recordings in ROS 1 bags, read without ROS."""
 
 from functools import cached_property, partial

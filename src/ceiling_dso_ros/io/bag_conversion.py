@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Turns any recording into a ROS 1 bag."""
 
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Streams messages from ROS 1 bags; any problem with a bag is reported as an InputError of one line."""
 
 from contextlib import contextmanager

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Trajectories from recorded pose topics."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Writes ROS 1 bags message by message, as `rosbag record` would."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Camera calibrations: from `camera.txt` or a camera_info to a raw camera and the pinhole it is undistorted to."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Errors of files and frames. Every message is one line: where, what is wrong, and what to do."""
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reduces the rate of images by their stamps alone, so that live and offline runs select the same images."""
 
 from typing import Optional

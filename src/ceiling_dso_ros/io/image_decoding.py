@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Decodes grey images from the bytes of messages and files."""
 
 from typing import Dict, NamedTuple, Optional, Union

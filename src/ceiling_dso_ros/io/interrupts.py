@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Delays Ctrl-C and SIGTERM until they do no harm."""
 
 import signal

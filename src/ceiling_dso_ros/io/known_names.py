@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Rejects unknown names: otherwise a misspelt setting would be ignored without a message."""
 
 from difflib import get_close_matches

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Lens models: projection of rays to pixels of a raw camera.
 
 A ray is given by its ideal pinhole coordinates x = X/Z, y = Y/Z in the camera's optical frame.

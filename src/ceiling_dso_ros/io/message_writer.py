@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Creates the messages of a robot with a camera, for a bag or for topics."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Chooses the pinhole camera to which raw images are undistorted.
 
 A view is the rectangle (left, right, top, bottom) of ideal coordinates x = X/Z, y = Y/Z at the centres of the outermost

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Photometric calibration: from raw grey levels to the irradiance of the scene, equation (2) of the paper."""
 
 from dataclasses import dataclass

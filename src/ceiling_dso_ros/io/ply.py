@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Point clouds in the PLY format, binary little endian."""
 
 from dataclasses import dataclass

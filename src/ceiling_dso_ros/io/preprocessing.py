@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """From a raw image to the image that the odometry uses."""
 
 from typing import Optional, Tuple

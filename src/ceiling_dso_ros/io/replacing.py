@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Files that are replaced only when they are complete."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Dimensions of a robot in `robot.yaml` and in the ROS parameters `~robot/...`."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """ROS 1 messages without ROS: their types and common parts."""
 
 from typing import Any, Dict, Sequence, Tuple, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Time stamps: integer nanoseconds, as text and as ROS writes them.
 
 Never floats: at today's epoch they are 0.2 us apart.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The static transforms of a robot, from /tf_static."""
 
 from typing import Dict, Iterable, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Text files made of lines."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Pairs the counters of two wheels from separate topics, in the same way for nodes and offline runs."""
 
 from typing import Dict, NamedTuple, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Trajectories in the TUM format: a line `stamp tx ty tz qx qy qz qw` for every pose."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Recordings in folders of the TUM-mono layout."""
 
 import zipfile

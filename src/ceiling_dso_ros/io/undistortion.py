@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Undistortion of images."""
 
 from typing import Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Finds the two wheels among the joints of a robot, in the same way for nodes and offline runs."""
 
 from typing import List, Optional, Sequence, Tuple

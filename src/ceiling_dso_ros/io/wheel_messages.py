@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Wheel encoder counters from ROS messages."""
 
 from typing import Iterable, List, Optional, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Measures the cost of a recording: time per kind of frame and per stage, peak memory, speed factor."""
 
 import json

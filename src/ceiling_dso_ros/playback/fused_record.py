@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Stores the fusion's outputs, for offline runs and fusion_node's service ~save_trajectory."""
 
 from array import array

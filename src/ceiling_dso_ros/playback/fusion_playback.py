@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Plays a recording's wheel samples into the fusion together with the odometry, as on a robot."""
 
 from pathlib import Path

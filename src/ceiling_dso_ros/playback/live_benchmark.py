@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Plays a recording in real time or faster, like a camera, and measures whether the odometry is fast enough."""
 
 import time

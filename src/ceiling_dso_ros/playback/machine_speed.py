@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A unit of time for comparing frame times between machines.
 
 The unit is the time of a fixed workload on one thread: interpolating an image and its gradient, and normal equations of

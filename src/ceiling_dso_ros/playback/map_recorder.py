@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Collects the points of the odometry's map into a point cloud."""
 
 from typing import Dict, List, Mapping

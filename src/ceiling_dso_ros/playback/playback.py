@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Plays a recording through the odometry as fast as possible, without dropping images, and writes the results."""
 
 import json

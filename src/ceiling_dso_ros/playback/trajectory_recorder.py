@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Collects the odometry's results into trajectories."""
 
 from array import array

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Preprocessing and odometry for the images of one camera, for offline runs and dso_node."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Plays recorded wheel samples one by one, as the nodes would receive them."""
 
 from typing import Iterator, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Publishes tf of the base, and makes sure that no frame gets two parents."""
 
 from typing import Optional

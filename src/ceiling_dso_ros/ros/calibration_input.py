@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The camera's calibration for dso_node, from a file or from camera_info."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Pose of the camera on the robot: from robot.yaml, else from tf."""
 
 from typing import Optional

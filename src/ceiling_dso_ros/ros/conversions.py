@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
 from typing import Tuple, Union

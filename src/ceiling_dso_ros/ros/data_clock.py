@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Gives increasing stamps for a stream, also if its clock is set back.
 
 The code behind the servers requires increasing stamps. They are taken from an inner clock: the clock of the data plus

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """/diagnostics, published by wall time, so also while a simulated clock or a bag is paused."""
 
 import math

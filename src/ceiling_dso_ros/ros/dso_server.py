@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The server behind dso_node: live images in, visual odometry out."""
 
 import math

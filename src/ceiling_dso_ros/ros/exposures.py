@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Exposure times that arrive on their own topic, looked up by image stamp."""
 
 import threading

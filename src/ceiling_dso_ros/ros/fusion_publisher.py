@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What fusion_node publishes."""
 
 from typing import Optional

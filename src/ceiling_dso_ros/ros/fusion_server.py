@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The server of fusion_node: fuses wheel odometry and visual odometry into the robot's metric pose."""
 
 import threading

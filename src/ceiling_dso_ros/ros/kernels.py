@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Loads the compiled kernels of the odometry before a node starts to work."""
 
 import threading

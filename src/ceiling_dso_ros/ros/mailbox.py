@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A buffer for one message, which keeps the newest."""
 
 import threading

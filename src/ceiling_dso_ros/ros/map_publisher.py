@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Publishes dso_node's map for display; computed only if somebody subscribes."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Publishes the visual odometry's map in metres and in odom, for display."""
 
 from collections import deque

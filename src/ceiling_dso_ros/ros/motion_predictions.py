@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Predictions of the camera's motion since the last image, received from fusion_node."""
 
 from typing import Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The private parameters of each node with their defaults, except the settings of the odometry and the fusion."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Publishes the camera's poses for dso_node."""
 
 from typing import Optional

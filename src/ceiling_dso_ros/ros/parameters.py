@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Reads private parameters once at start, rejects wrong ones with one line, and writes all values back."""
 
 import os

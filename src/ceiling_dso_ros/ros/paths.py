@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """nav_msgs/Path of the last poses. Each message has the whole path, so it is sent rarely and only to subscribers."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Poses and velocities of a robot on a floor as ROS messages."""
 
 import numpy as np

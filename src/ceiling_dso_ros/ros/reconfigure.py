@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A dynamic_reconfigure server that rejects values out of range instead of changing them."""
 
 from typing import Any, Dict

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The robot's dimensions from the private parameters `~robot/...`."""
 
 from dataclasses import replace

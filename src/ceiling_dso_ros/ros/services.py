@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Services; a response contains a message that says what is wrong with a request."""
 
 from pathlib import Path

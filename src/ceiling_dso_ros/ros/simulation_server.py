@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The server of simulation_node: a simulated robot that publishes live sensor data."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Converts messages of the visual odometry into statuses, with stamps on the fusion's clock."""
 
 from typing import List, Optional

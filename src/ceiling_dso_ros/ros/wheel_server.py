@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The server of wheel_odometry_node: dead reckoning from encoders."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A simulated drive as a ROS 1 bag, with the truth in files beside it."""
 
 from functools import singledispatchmethod

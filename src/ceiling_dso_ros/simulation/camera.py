@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The camera: a D455's infrared imager (global shutter, rectified), from radiance to grey levels."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A canvas for the texture of a material: positions in metres, the same texture at every resolution.
 
 A texel is a sample, not an area: texel (j, i) holds the value at (u, v) = (i, j) * texel_m. At the end the texture is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Settings of a simulated recording."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Faults and disturbances, called events, that can be added to any sequence.
 
 An event is written `NAME`, `NAME@START` or `NAME@START+DURATION` in seconds; without a start it happens at the

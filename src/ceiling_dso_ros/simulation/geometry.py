@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Surfaces of a building: flat convex polygons with a painted side, and the solids made of them.
 
 World frame: x along the hall, y across it, z up, the origin on the floor in the middle of the hall; metres.

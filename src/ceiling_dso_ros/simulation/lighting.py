@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Light in a hall: the floor reflects light upward, lamps emit light, and everything in between casts soft shadows.
 
 The floor is cut into patches of 1.5 m, each a small source with its own shadow map ("instant radiosity", Keller 1997).

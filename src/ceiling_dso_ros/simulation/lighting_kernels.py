@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels of the lighting: how much light points of the hall get from small sources below them, with shadows."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Materials of the surfaces of a hall: each material paints a canvas of any size.
 
 Reflectances are those of real ones (white paint 0.8, galvanised steel 0.5, concrete 0.35, black rubber 0.05);

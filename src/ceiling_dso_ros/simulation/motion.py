@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Where the robot drives: paths, the speed along them within the drive's limits, and the pose at any time."""
 
 from dataclasses import dataclass

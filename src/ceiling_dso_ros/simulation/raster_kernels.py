@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels that find the visible polygon of each pixel: flat polygons, a pinhole camera, exact at every pixel centre.
 
 For the plane n.X = d and a pixel p = (x, y, 1) with the viewing ray R K^-1 p from the centre C, the inverse depth is

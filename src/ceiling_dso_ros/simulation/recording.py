@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A simulated drive as a recording: it can be played like any recording, without a bag."""
 
 from functools import partial

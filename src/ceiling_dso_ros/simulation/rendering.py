@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Renders images of a scene, integrated over the exposure time and over the area of each pixel, and their depth."""
 
 import cv2

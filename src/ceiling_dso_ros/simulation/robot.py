@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The robot: the poses of its base and cameras at any time, and the rotation of its wheels.
 
 base_link lies on the floor between the wheels, x ahead, y left, z up (REP-103). Optical frames: z along the

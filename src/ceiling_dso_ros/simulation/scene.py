@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Turns the description of a hall into arrays for rendering: geometry, and textures that include the light.
 
 A robot on a flat floor sees every part of a ceiling from the same height. So one texel size per surface (half of what a

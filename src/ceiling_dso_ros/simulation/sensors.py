@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Measurements of the other sensors: wheel encoders, laser scanner, inertial unit."""
 
 from typing import NamedTuple, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The sequences that can be simulated, by name: paths in a hall of 21 x 15 m or larger."""
 
 from typing import Callable, Dict, List, NamedTuple, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels that shade pixels: textures, integrated over the area of the pixel and the exposure time.
 
 The inverse depth w of a polygon is affine in the pixel, so its texture coordinates are (affine) / w: one division.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The simulated robot with all its sensors: measurements ordered by time; images are rendered when they are read."""
 
 import heapq

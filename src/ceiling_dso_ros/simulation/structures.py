@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Structures under ceilings: steelwork, ducts, pipes, cable trays, lamps, signs. Metres, world frame with z up."""
 
 from typing import List, Sequence

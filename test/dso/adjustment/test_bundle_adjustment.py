@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Bundle adjustment finds the truth again, and does not move what images cannot see."""
 
 import numpy as np

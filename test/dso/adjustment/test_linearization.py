@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Normal equations of a window against a dense reference in float64 and against numeric differences of the energy."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Marginalisation changes nothing for those that remain."""
 
 import numpy as np

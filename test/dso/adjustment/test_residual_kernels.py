@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The Jacobians of all points against numeric differences, and the sums over the pattern against numpy."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What becomes of kernels where numba cannot do what it is asked for."""
 
 import os

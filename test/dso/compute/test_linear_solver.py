@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The solver of the kernels against numpy."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Times add up per stage, also when a stage fails."""
 
 import pytest

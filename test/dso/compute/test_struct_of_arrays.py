@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels take structs as they are, without typing their arrays anew."""
 
 from typing import NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A predicted motion's alternatives lie where its covariance says."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The projection against its definition in numpy, and its derivatives against numeric differences; all in float64."""
 
 import numba

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Rigid motions against the matrix exponential and numeric differences."""
 
 import numpy as np

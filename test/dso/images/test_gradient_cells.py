@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Strongest pixels of cells, and the share of an image that has texture."""
 
 import numpy as np

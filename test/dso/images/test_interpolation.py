@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Samples and gradients against their definition."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Sizes, means and intrinsics of the levels."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Number, spread and reproducibility of the selected pixels."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Activated points keep their distance, have the right inverse depth and live where they were seen."""
 
 import numpy as np

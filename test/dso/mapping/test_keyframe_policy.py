@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """When keyframes come and go, and what becomes of their points."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the mapper does with frames and keyframes of a known scene."""
 
 import numpy as np

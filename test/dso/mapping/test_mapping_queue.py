@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Frames on their way into the map: what comes back, in which order, and what failures leave behind."""
 
 import threading

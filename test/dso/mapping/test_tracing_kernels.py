@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Tracing on a rendered surface: the interval holds the true inverse depth; the states are what they say."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """First maps that are to be believed, and the reasons why others are not."""
 
 from dataclasses import replace

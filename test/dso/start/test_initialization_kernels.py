@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Joint alignment of pose, brightness and inverse depths of one level."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The first map of a synthetic scene: motion, depth and brightness; the ambiguity of a plane."""
 
 import numpy as np

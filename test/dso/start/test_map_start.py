@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Collecting the first frames of a segment: what is kept of them, and when another first one is taken."""
 
 import numpy as np

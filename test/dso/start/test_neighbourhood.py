@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Nearest neighbours against brute force."""
 
 import numpy as np

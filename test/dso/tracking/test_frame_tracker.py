@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Tracking through the pyramid: known motions are found, wrong hypotheses are given up."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the last frames tell of the next one, also when their keyframes have been refined since."""
 
 import numpy as np

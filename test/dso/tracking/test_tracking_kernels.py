@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The tracker's normal equations against numeric differences, and alignment of single levels."""
 
 import numpy as np

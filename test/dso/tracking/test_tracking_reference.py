@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The sparse depth of a keyframe: right values at the right pixels of every level."""
 
 import numpy as np

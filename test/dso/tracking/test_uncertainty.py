@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The covariance of a pose: against numeric derivatives, and with texture in one direction only."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What a new candidate stores, and that rows stay together."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The keyframes of the window: evaluation points, steps, and what leaves with a keyframe."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Relative geometry and brightness against projecting points one by one."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Rows of active points and of their residuals stay together and sorted."""
 
 import numpy as np

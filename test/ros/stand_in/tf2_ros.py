@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """What the nodes use of tf2_ros, for a Python that tf2's compiled part is not built for: single transforms only."""
 
 import rospy

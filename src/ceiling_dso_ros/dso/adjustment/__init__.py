@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The bundle adjustment over the window, and the prior from marginalised keyframes and points."""

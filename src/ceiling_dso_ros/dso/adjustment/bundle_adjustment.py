@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Windowed photometric bundle adjustment: Gauss-Newton over poses, brightness, intrinsics and inverse depths."""
 
 from typing import Tuple

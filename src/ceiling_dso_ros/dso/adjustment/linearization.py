@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Linearisation of the window: residual states and normal equations per host, put together."""
 
 from typing import NamedTuple

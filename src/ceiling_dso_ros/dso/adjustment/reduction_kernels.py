@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels that reduce the normal equations of a host: they eliminate the inverse depths and change from relative to
 absolute parameters.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels that linearise the photometric residuals of one host-target pair, equations (4) to (8).
 
 Everything is a struct of arrays over the points of the host, and every loop runs over points, so that it vectorises.

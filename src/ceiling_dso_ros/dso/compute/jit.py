@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """How every kernel of the odometry is compiled: one place for numba's options.
 
 `kernel` compiles a function to machine code, caches it on disk and releases the GIL while it runs. Division follows

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Small dense symmetric positive definite systems, solved inside kernels.
 
 LAPACK's rounding depends on the number of threads, also for systems as small as these. Poses must not depend on it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """When the mapping runs: at once, or in its own thread beside the tracking."""
 
 from collections import deque

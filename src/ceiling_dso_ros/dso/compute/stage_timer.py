@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Milliseconds per stage of one frame."""
 
 import time

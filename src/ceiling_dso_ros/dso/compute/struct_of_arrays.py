@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Structs of arrays as arguments of kernels.
 
 numba 0.58 looks up the type of a named tuple by a fingerprint, and loses the beginning of a fingerprint longer than 40

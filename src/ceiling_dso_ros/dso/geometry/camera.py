@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The pinhole camera that the odometry works on, after undistortion."""
 
 from dataclasses import dataclass

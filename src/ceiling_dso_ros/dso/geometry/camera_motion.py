@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A motion of the camera predicted by other sensors: a hypothesis for the tracking, never a measurement."""
 
 from dataclasses import dataclass

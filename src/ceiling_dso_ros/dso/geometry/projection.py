@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The projection of a point into another image, equation (5): the only place that knows the camera's model.
 
 A host's pixel p with the inverse depth d, measured along the host's optical axis, is seen in a target at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Rigid motions as (4, 4) float64 matrices with tangent vectors (translation, rotation), usable from kernels.
 
 Increments multiply from the left: exp(xi) @ T, equation (6). Formulas: Sola, Deray, Atchuthan, "A micro Lie theory".

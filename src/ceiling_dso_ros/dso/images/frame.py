@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """An image and its estimates while the odometry processes it."""
 
 from dataclasses import dataclass

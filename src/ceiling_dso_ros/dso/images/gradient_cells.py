@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Square cells of an image: their strongest pixels, and whether they have texture."""
 
 import numpy as np

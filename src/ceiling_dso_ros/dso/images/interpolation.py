@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Samples of an image and its gradient between pixels. Images are flat float32 arrays, row after row.
 
 A residual compares a pixel of one image with a sample of another. A bilinear sample is too smooth: with the fraction f

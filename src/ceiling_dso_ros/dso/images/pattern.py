@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The residual pattern: eight pixels that share the inverse depth of their centre."""
 
 import numpy as np

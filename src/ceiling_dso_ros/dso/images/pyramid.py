@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Image pyramids in a pool of preallocated memory."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Selects the candidate points of a keyframe: well spread pixels with large gradients for their surroundings.
 
 The threshold adapts to the image: it is the median gradient of the 32x32 block plus a margin. In a grid of cells, the

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Mapping: tracing of candidate points, and insertion of keyframes into the window."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Activation: where points are missing, candidates with a narrow depth interval become active points."""
 
 from typing import Tuple

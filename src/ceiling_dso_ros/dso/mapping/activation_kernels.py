@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels that turn candidates into active points: spread them over the newest keyframe, refine their depth."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The first map of a segment, as the initialiser returns it."""
 
 from dataclasses import dataclass

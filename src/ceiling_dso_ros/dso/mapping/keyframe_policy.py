@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Which frames become keyframes, and which keyframes and points leave the window."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The map as the odometry last refined it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Mapping: traces candidate points in frames, and inserts keyframes into the window."""
 
 from typing import List, Tuple

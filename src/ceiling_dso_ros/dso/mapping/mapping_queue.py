@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Hands frames to the mapping, which traces them and makes keyframes, at once or beside the tracking."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels that trace candidate points along their epipolar line in a new frame."""
 
 import math

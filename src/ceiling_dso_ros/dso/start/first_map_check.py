@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Decides whether a first map is accepted. No pose was published yet, so starting again costs little."""
 
 from typing import Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels of the initialiser: joint alignment of one level's pose and inverse depths."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Initialisation: pose and depth from two frames with parallax; the only assumption is that depth is smooth."""
 
 import copy

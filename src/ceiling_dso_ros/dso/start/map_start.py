@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Collects frames for the first map of a segment."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Nearest neighbours among the pixels of an image, by buckets."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Coarse-to-fine tracking of a new frame against the newest keyframe, from several hypotheses of the motion."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Predicts the next frame's motion from the last two frames."""
 
 from typing import Callable, Iterable, List, NamedTuple, Optional

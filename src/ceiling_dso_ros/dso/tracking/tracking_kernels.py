@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Kernels of the coarse-to-fine tracker: the photometric error of one pyramid level and its alignment."""
 
 import math

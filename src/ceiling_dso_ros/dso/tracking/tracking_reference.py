@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The sparse depth of the newest keyframe on every pyramid level: what new frames are tracked against."""
 
 from dataclasses import dataclass

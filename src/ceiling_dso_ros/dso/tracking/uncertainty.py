@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Uncertainty of a tracked pose: which motions of the camera the image determines.
 
 J^T W J of the tracking treats every image gradient as texture, also gradients of pure noise. With M the same sum for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Candidate points: pixels of keyframes whose inverse depth is still being narrowed down to an interval."""
 
 from typing import NamedTuple, Tuple

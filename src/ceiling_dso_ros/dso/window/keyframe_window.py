@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The window of keyframes: poses, brightness and intrinsics with their linearisation points, points and candidates."""
 
 from typing import List, NamedTuple, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Relative geometry and brightness of every host-target pair, at the estimate and at the evaluation point."""
 
 from typing import NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Active points: pixels of keyframes with an inverse depth that the bundle adjustment refines, and their residuals."""
 
 from typing import NamedTuple, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """Results of the last trace of a candidate point."""
 
 UNTRACED = 0

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The ceilings that can be simulated, by name."""
 
 from typing import Callable, Dict

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """The hall of the paper: 21 x 15 m under two inclined planes from 4 m at the eaves to 6 m at the ridge."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A painted plaster ceiling at 3.2 m, nearly without texture."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """An office: a flat suspended ceiling at 3 m, in which the same tile and lamp repeat."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: BSD-3-Clause
 """A warehouse: 9 m to a flat roof on long beams, lamps in rows, racks that reach far up."""
 
 from typing import List
