@@ -25,7 +25,7 @@ from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time, stamp_ns_of
-from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
+from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node import time_is_simulated
@@ -202,13 +202,13 @@ class FusionServer:
         if self._camera_may_be_old and (newest_wheel_ns is None or stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
             return False
         self._camera_may_be_old = False
-        last_ns, self._last_image_ns = self._last_image_ns, stamp_ns
-        if last_ns is None or stamp_ns > last_ns:
-            return True
-        if stamp_ns >= last_ns - BACKWARDS_NS:
-            self._last_image_ns = last_ns
-        self._images.complain("an image that is not later than the last one")
-        return False
+        last_ns = self._last_image_ns
+        # Where the clock has been set back, images may come before the wheels tell by how much.
+        if last_ns is not None and stamp_ns <= last_ns <= newest_wheel_ns + CAMERA_AHEAD_NS:
+            self._images.complain("an image that is not later than the last one")
+            return False
+        self._last_image_ns = stamp_ns
+        return True
 
     def _take_in(self, status: OdometryStatus, stamp: rospy.Time, start_s: float) -> None:
         if status.keyframes:
