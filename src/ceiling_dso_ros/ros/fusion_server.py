@@ -25,7 +25,7 @@ from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time, stamp_ns_of
-from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
+from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node import time_is_simulated
@@ -125,6 +125,7 @@ class FusionServer:
         self._state: Optional[FusedState] = None
         self._record = FusedRecord()
         self._clock.reset()
+        self._wheel_heard_s = 0.0
         self._last_image_ns: Optional[int] = None
         self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
@@ -139,6 +140,7 @@ class FusionServer:
         start_s = time.perf_counter()
         with self._lock:
             self._wheels.heard()
+            self._wheel_heard_s = time.monotonic()
             stamp_ns = stamp_ns_of(message.header.stamp)
             try:
                 pose = planar_pose(message.pose.pose)
@@ -202,6 +204,11 @@ class FusionServer:
         if self._camera_may_be_old and (newest_wheel_ns is None or stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
             return False
         self._camera_may_be_old = False
+        # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.
+        ahead = stamp_ns > newest_wheel_ns + BACKWARDS_NS
+        if ahead and not self._begins_again and time.monotonic() - self._wheel_heard_s < BACKWARDS_NS * 1e-9:
+            self._images.complain("an image that is far ahead of the wheels")
+            return False
         last_ns = self._last_image_ns
         # Where the clock has been set back, images may come before the wheels tell by how much.
         if last_ns is not None and stamp_ns <= last_ns <= newest_wheel_ns + CAMERA_AHEAD_NS:
