@@ -134,7 +134,7 @@ class DirectOdometry:
             TrackingLostError: no pose explains the image, or noise would explain it as well.
         """
         history, reference = self._segment.history, current.reference
-        hypotheses = history.hypotheses(reference, current.pose_of, prediction)
+        hypotheses = history.hypotheses(reference, current.pose_of, frame.stamp_ns, prediction)
         tracked = self._tracker.track(
             frame.image_slot, frame.exposure, reference, hypotheses, history.affine, history.rmse
         )

@@ -11,6 +11,7 @@ from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.tracking.track_history import TrackHistory
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 
+FRAME_NS = 33_333_333
 STEP = se3.exp(np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.03]))
 
 
@@ -18,8 +19,8 @@ def reference(keyframe_id, T_camera_world):
     return TrackingReference(keyframe_id, T_camera_world, np.zeros(2), 1.0, CAMERA.parameters, ())
 
 
-def frame(T_camera_world, affine=(0.0, 0.0)):
-    return Frame(0, 1.0, 0, T_camera_world, np.array(affine))
+def frame(T_camera_world, affine=(0.0, 0.0), stamp_ns=0):
+    return Frame(stamp_ns, 1.0, 0, T_camera_world, np.array(affine))
 
 
 def poses(known):
@@ -34,7 +35,7 @@ def test_the_motion_goes_on_as_it_did():
     history, keyframe = TrackHistory(), reference(3, np.eye(4))
     history.begin(3)
     history.remember(frame(STEP, affine=(0.1, 2.0)), keyframe, rmse=4.0)
-    likeliest = next(iter(history.hypotheses(keyframe, poses({3: keyframe}), None)))
+    likeliest = next(iter(history.hypotheses(keyframe, poses({3: keyframe}), 2 * FRAME_NS, None)))
     np.testing.assert_allclose(likeliest, STEP @ STEP, atol=1e-12)
     assert history.rmse == 4.0
     np.testing.assert_array_equal(history.affine, [0.1, 2.0])
@@ -43,9 +44,9 @@ def test_the_motion_goes_on_as_it_did():
 def test_only_the_last_two_frames_count():
     history, keyframe = TrackHistory(), reference(0, np.eye(4))
     history.begin(0)
-    for T in (se3.exp(np.full(6, 0.2)), STEP, STEP @ STEP):
-        history.remember(frame(T), keyframe, 1.0)
-    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), None)))
+    for k, T in enumerate((se3.exp(np.full(6, 0.2)), STEP, STEP @ STEP)):
+        history.remember(frame(T, stamp_ns=(k - 1) * FRAME_NS), keyframe, 1.0)
+    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), 2 * FRAME_NS, None)))
     np.testing.assert_allclose(likeliest, STEP @ STEP @ STEP, atol=1e-12)
 
 
@@ -55,7 +56,7 @@ def test_a_refined_keyframe_takes_its_frames_along():
     T_keyframe_camera = history.remember(frame(STEP), keyframe, 1.0)
     np.testing.assert_allclose(T_keyframe_camera, se3.inverse(STEP), atol=1e-12)
     moved = reference(0, se3.exp(np.array([0.0, 0.3, 0.0, 0.0, 0.1, 0.0])))
-    likeliest = next(iter(history.hypotheses(moved, poses({0: moved}), None)))
+    likeliest = next(iter(history.hypotheses(moved, poses({0: moved}), 2 * FRAME_NS, None)))
     np.testing.assert_allclose(likeliest, STEP @ STEP, atol=1e-12)
 
 
@@ -65,5 +66,28 @@ def test_a_known_motion_comes_first(known_motion):
     history.begin(0)
     history.remember(frame(STEP), keyframe, 1.0)
     prediction = CameraMotion(known_motion, 1e-6 * np.eye(6))
-    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), prediction)))
+    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), 2 * FRAME_NS, prediction)))
     np.testing.assert_allclose(likeliest, se3.inverse(known_motion) @ STEP, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("gaps_ns", "expected"),
+    [
+        ((FRAME_NS, FRAME_NS), 1.0),
+        ((FRAME_NS, FRAME_NS + 2_000_000), 1.0),  # jitter of the stamps
+        ((FRAME_NS, 2 * FRAME_NS), 2.0),  # an image was dropped
+        ((2 * FRAME_NS, FRAME_NS), 0.5),
+        ((FRAME_NS, 90 * FRAME_NS), 5.0),  # a pause, after which nobody knows
+    ],
+)
+def test_the_motion_goes_on_for_the_time_that_has_passed(gaps_ns, expected):
+    history, keyframe = TrackHistory(), reference(0, np.eye(4))
+    begin_ns, (before_ns, since_ns) = 1_732_800_000_123_456_789, gaps_ns
+    history.begin(0)
+    history.remember(frame(np.eye(4), stamp_ns=begin_ns), keyframe, 1.0)
+    history.remember(frame(STEP, stamp_ns=begin_ns + before_ns), keyframe, 1.0)
+    next_ns = begin_ns + before_ns + since_ns
+    likeliest = next(iter(history.hypotheses(keyframe, poses({0: keyframe}), next_ns, None)))
+    if expected == 1.0:
+        np.testing.assert_array_equal(likeliest, STEP @ STEP)
+    np.testing.assert_allclose(likeliest, se3.exp(expected * se3.log(STEP)) @ STEP, atol=1e-9)

@@ -52,18 +52,18 @@ class TrackedFrame:
 
 
 def motion_hypotheses(
-    T_last_reference: np.ndarray, T_last_previous: np.ndarray, prediction: Optional[CameraMotion] = None
+    T_last_reference: np.ndarray, T_next_last: np.ndarray, prediction: Optional[CameraMotion] = None
 ) -> Iterable[np.ndarray]:
     """T_frame_reference to try, likeliest first.
 
     Args:
         T_last_reference: (4, 4) motion from the reference to the last frame.
-        T_last_previous: (4, 4) motion from the frame before to the last frame.
+        T_next_last: (4, 4) motion from the last frame to this one, if the camera goes on as it did.
         prediction: motion from the last frame to this one, predicted by other sensors, if there is one. If its error
             agrees with its covariance, one of its alternatives is near the true motion.
     """
-    velocity = se3.log(T_last_previous)
-    constant = T_last_previous @ T_last_reference
+    velocity = se3.log(T_next_last)
+    constant = T_next_last @ T_last_reference
     if prediction is not None:
         yield se3.inverse(prediction.T_start_end) @ T_last_reference
     yield constant

@@ -11,6 +11,9 @@ from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.tracking.frame_tracker import motion_hypotheses
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 
+JITTER = 0.1  # share of the time between two frames that their stamps may be off without telling of another motion
+LONGEST_STRETCH = 5.0  # a motion is taken to go on like that for so many times its own duration
+
 
 class RelativePose(NamedTuple):
     """Pose of a frame on a keyframe, which may still be refined.
@@ -18,10 +21,12 @@ class RelativePose(NamedTuple):
     Attributes:
         keyframe_id: the keyframe.
         T_keyframe_camera: (4, 4) float64.
+        stamp_ns: stamp of the frame; None for the first frame of a map, which lies further back than the last but one.
     """
 
     keyframe_id: int
     T_keyframe_camera: np.ndarray
+    stamp_ns: Optional[int]
 
 
 class TrackHistory:
@@ -40,26 +45,37 @@ class TrackHistory:
     def remember(self, frame: Frame, reference: TrackingReference, rmse: float) -> np.ndarray:
         """Take in a frame with its pose; returns T_keyframe_camera, (4, 4), on the reference's keyframe."""
         T_keyframe_camera = reference.T_camera_world @ se3.inverse(frame.T_camera_world)
-        self._poses = [*self._poses[-1:], RelativePose(reference.keyframe_id, T_keyframe_camera)]
+        self._poses = [*self._poses[-1:], RelativePose(reference.keyframe_id, T_keyframe_camera, frame.stamp_ns)]
         self.affine, self.rmse = frame.affine, rmse
         return T_keyframe_camera
 
     def begin(self, keyframe_id: int) -> None:
         """Begin with a frame that is a keyframe itself."""
-        self._poses = [RelativePose(keyframe_id, np.eye(4))]
+        self._poses = [RelativePose(keyframe_id, np.eye(4), None)]
 
     def hypotheses(
-        self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], prediction: Optional[CameraMotion]
-    ) -> Iterable[np.ndarray]:
+        self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int,
+        prediction: Optional[CameraMotion],
+    ) -> Iterable[np.ndarray]:  # fmt: skip
         """T_frame_reference of the next frame to try, likeliest first.
 
         Args:
             reference: the newest keyframe.
             pose_of: T_world_camera, (4, 4), of a keyframe by its identity.
+            stamp_ns: of the next frame.
             prediction: motion from the last frame to the next one, predicted by other sensors, if there is one.
         """
         last, previous = (
             pose_of(pose.keyframe_id) @ pose.T_keyframe_camera for pose in (self._poses[-1], self._poses[0])
         )
         T_last_reference = se3.inverse(reference.T_camera_world @ last)
-        return motion_hypotheses(T_last_reference, se3.inverse(last) @ previous, prediction)
+        T_next_last = self._stretched(se3.inverse(last) @ previous, stamp_ns)
+        return motion_hypotheses(T_last_reference, T_next_last, prediction)
+
+    def _stretched(self, T_last_previous: np.ndarray, stamp_ns: int) -> np.ndarray:
+        """T_next_last with the velocity of the last two frames; the same motion where frames come regularly."""
+        previous, last = self._poses[0], self._poses[-1]
+        if previous.stamp_ns is None:
+            return T_last_previous
+        ratio = min((stamp_ns - last.stamp_ns) / (last.stamp_ns - previous.stamp_ns), LONGEST_STRETCH)
+        return T_last_previous if abs(ratio - 1.0) <= JITTER else se3.exp(ratio * se3.log(T_last_previous))
