@@ -201,7 +201,7 @@ class FusionServer:
     def _is_of_now(self, stamp_ns: int) -> bool:
         """Whether an image is in order and not of the run before."""
         newest_wheel_ns = self._clock.last_ns
-        if self._camera_may_be_old and (newest_wheel_ns is None or stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
+        if newest_wheel_ns is None or (self._camera_may_be_old and stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
             return False
         self._camera_may_be_old = False
         # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.

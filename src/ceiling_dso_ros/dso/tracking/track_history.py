@@ -75,7 +75,7 @@ class TrackHistory:
     def _stretched(self, T_last_previous: np.ndarray, stamp_ns: int) -> np.ndarray:
         """T_next_last with the velocity of the last two frames; the same motion where frames come regularly."""
         previous, last = self._poses[0], self._poses[-1]
-        if previous.stamp_ns is None:
+        if previous.stamp_ns is None or last.stamp_ns is None:
             return T_last_previous
         ratio = min((stamp_ns - last.stamp_ns) / (last.stamp_ns - previous.stamp_ns), LONGEST_STRETCH)
         return T_last_previous if abs(ratio - 1.0) <= JITTER else se3.exp(ratio * se3.log(T_last_previous))
