@@ -21,3 +21,15 @@ def test_trajectories_hold_every_output():
 
 def test_nothing_yet():
     assert [len(trajectory) for trajectory in FusedRecord().files([]).values()] == [0, 0, 0]
+
+
+def test_a_trajectory_that_somebody_still_has_does_not_stop_the_record():
+    """A service writes its files while wheel samples go on."""
+    record = FusedRecord()
+    scale = ScaleState(1.0, 0.1, True, 0)
+    kept = []
+    for index in range(3):
+        state = FusedState(index, np.zeros(3), np.eye(3), np.zeros(2), np.eye(2), FusionState.CONVERGED, (), scale)
+        record.add(state, np.zeros(3))
+        kept.append(record.files([]))
+    assert [len(files["fused"]) for files in kept] == [1, 2, 3]

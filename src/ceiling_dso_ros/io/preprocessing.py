@@ -49,6 +49,16 @@ class ImagePreprocessor:
         Raises:
             FrameError: the image is not of the size of the calibration, or of another type.
         """
+        self.check(raw)
+        image = self._undistorter.undistort(self._photometric.correct(raw))
+        return image if self._scaler is None else self._scaler(image)
+
+    def check(self, raw: np.ndarray) -> None:
+        """Refuse what is not a raw image of this camera.
+
+        Raises:
+            FrameError: the image is not of the size of the calibration, or of another type.
+        """
         if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
             raise FrameError(f"an image must be (height, width) uint8 or uint16, not {raw.shape} {raw.dtype}")
         height, width = raw.shape
@@ -56,5 +66,3 @@ class ImagePreprocessor:
             raise FrameError(
                 f"the image is {width}x{height}, but the calibration is for {self._raw_size[0]}x{self._raw_size[1]}"
             )
-        image = self._undistorter.undistort(self._photometric.correct(raw))
-        return image if self._scaler is None else self._scaler(image)

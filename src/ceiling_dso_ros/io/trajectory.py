@@ -43,7 +43,7 @@ class Trajectory:
         """Trajectory of (N,) stamps and (N, 4, 4) poses."""
         T = np.asarray(T_frame_body, dtype=np.float64).reshape(-1, 4, 4)
         quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat() if len(T) else np.zeros((0, 4))
-        return cls(np.asarray(stamps_ns, dtype=np.int64), T[:, :3, 3].copy(), quaternions)
+        return cls(np.array(stamps_ns, dtype=np.int64), T[:, :3, 3].copy(), quaternions)  # copies: recorders go on
 
     def matrices(self) -> np.ndarray:
         """T_frame_body, (N, 4, 4) float64."""

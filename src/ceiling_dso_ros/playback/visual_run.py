@@ -3,7 +3,7 @@
 
 import time
 from dataclasses import replace
-from typing import Callable, NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -32,14 +32,13 @@ class VisualRun:
     """Tracks raw images and keeps the trajectory.
 
     Attributes:
+        preprocess: converts raw images for the odometry.
         odometry: the odometry.
         trajectories: the poses so far.
         last: status of the last image; None before the first.
     """
 
-    def __init__(
-        self, preprocess: Callable[[np.ndarray], np.ndarray], odometry: DirectOdometry, keep_trajectory: bool = True
-    ) -> None:
+    def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, keep_trajectory: bool = True) -> None:
         """Begin.
 
         Args:
@@ -47,7 +46,7 @@ class VisualRun:
             odometry: before its first image.
             keep_trajectory: remember the poses, 272 bytes an image.
         """
-        self._preprocess = preprocess
+        self.preprocess = preprocess
         self._keep = keep_trajectory
         self.odometry = odometry
         self.last: Optional[OdometryStatus]
@@ -81,7 +80,7 @@ class VisualRun:
                 prediction.
         """
         start_s = time.perf_counter()
-        preprocessed = self._preprocess(image)
+        preprocessed = self.preprocess(image)
         preprocessed_s = time.perf_counter()
         status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction)
         end_s = time.perf_counter()

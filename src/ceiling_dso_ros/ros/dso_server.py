@@ -200,6 +200,7 @@ class DsoServer:
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
         image, stamp_ns = image_array(message), stamp_ns_of(message.header.stamp)
+        self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
         exposure_ms = self._exposures.at(stamp_ns, timeout_s)
