@@ -25,8 +25,8 @@ is_current() { [ -f "$1" ] && [ "$(cat "$1")" = "$2" ]; }
 pip_install() {
     local python=$1
     shift
-    # pip asks rustc for its version, and rustup's makes a folder.
-    HOME=$USERS_HOME RUSTUP_HOME=$HOME/.rustup PYTHONNOUSERSITE=1 "$python" -m pip --no-cache-dir --quiet install "$@"
+    # pip asks rustc for its version, and rustup's makes a folder; the order counts: HOME changes for what follows it.
+    RUSTUP_HOME=$HOME/.rustup HOME=$USERS_HOME PYTHONNOUSERSITE=1 "$python" -m pip --no-cache-dir --quiet install "$@"
 }
 
 # python_environment DIR PYTHON REQUIREMENTS [VENV_OPTION...]: makes or updates a virtual environment with the pins.
