@@ -61,7 +61,7 @@ def test_images_from_a_bag_to_the_files_of_a_run(stamps_ns):
         for frame in BagRecording(folder / "a.bag").frames():
             tracked = run.track(frame.image, frame.stamp_ns, frame.exposure_ms)
             timing.add(tracked.status, tracked.total_ms)
-        for kind, trajectory in run.files().items():
+        for kind, trajectory in run.trajectories.files().items():
             write_tum(folder / f"{kind}.tum", trajectory)
             assert read_tum(folder / f"{kind}.tum").stamps_ns.tolist() == stamps_ns
         timing.write_csv(folder / "timing.csv")

@@ -21,6 +21,7 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
+from ceiling_dso_ros.playback import visual_run
 from ceiling_dso_ros.settings import load_settings
 
 FRAMES = 40
@@ -330,7 +331,7 @@ def test_the_map_has_the_points_of_a_segment_that_was_lost(tum_folder, tmp_path,
                 maps.append(self.map)
             return status
 
-    monkeypatch.setattr(dso, "DirectOdometry", Watched)
+    monkeypatch.setattr(visual_run, "DirectOdometry", Watched)
     small = ("--set", "window.max_keyframes=3", "--set", "window.min_keyframes=2")  # so that points leave it
     assert main(["run", str(tum_folder), "--out", str(tmp_path / "out"), *small]) == 0
     assert summary_of(tmp_path / "out")["lost"] == 1
@@ -371,7 +372,7 @@ def failing_at(frame, error):
     ],
 )
 def test_a_failed_run_keeps_what_it_has(tum_folder, tmp_path, monkeypatch, capsys, error, code, end, line):
-    monkeypatch.setattr(dso, "DirectOdometry", failing_at(30, error))
+    monkeypatch.setattr(visual_run, "DirectOdometry", failing_at(30, error))
     assert main(["run", str(tum_folder), "--out", str(tmp_path / "out")]) == code
     summary = summary_of(tmp_path / "out")
     assert summary["end"] == end
