@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+import dataclasses
+
 import numpy as np
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate
@@ -88,3 +90,15 @@ def test_a_node_that_is_an_image_moves_with_its_keyframe():
     chain.link(2, new)
     ((node, T),) = chain.refinements()
     assert (node, T[0, 3]) == (2, 0.75)
+
+
+def test_an_odometry_that_counts_anew_is_noticed_by_any_id_it_shares():
+    """A first map that has as many keyframes as the one before has the same newest id."""
+    chain = KeyframeChain()
+    linked(chain, [keyframe(0, 0.0), keyframe(1, 1.0)])
+    anew = [dataclasses.replace(keyframe(key, 7.0 + key), stamp_ns=(10 + key) * 10**9) for key in (0, 1)]
+    (first, second) = chain.update(anew)
+    assert (first.keyframe_id, second.keyframe_id) == (0, 1)
+    assert not chain.continues(first)
+    late = [keyframe(0, 0.0), keyframe(1, 1.0)]
+    assert chain.update(late) == []

@@ -77,6 +77,13 @@ class FakeRobot:
             JointState(Header(stamp=self._stamp(rospy.Time.now().to_nsec())), names, [left_rad, right_rad], [], [])
         )
 
+    def publish_window_of_another_run(self):
+        """Latch a window with later keyframes and later stamps."""
+        header = Header(stamp=self._stamp(rospy.Time.now().to_nsec() + 1000 * 10**9), frame_id="vo")
+        self._keyframes.publish(
+            Keyframes(header, [Keyframe(id=300, stamp=header.stamp, pose=pose_from_matrix(np.eye(4)))])
+        )
+
     def _stamp(self, time_ns):
         return ros_time(time_ns + self.shift_ns)
 

@@ -407,6 +407,19 @@ class Fusion(unittest.TestCase):
             self.robot.keyframes = True
         self.listener.wait_for_scale(self.robot)
 
+    def test_y_restart_with_the_window_of_another_run(self):
+        """It is still latched when a bag is played again: a window from the future must not hide the new ones."""
+        self.robot.keyframes = False
+        try:
+            self.robot.publish_window_of_another_run()
+            end_node("/fusion_node")
+            first = len(self.listener.scales)
+            wait_until(lambda: len(self.listener.scales) > first, "fusion_node does not come back")
+        finally:
+            self.robot.keyframes = True
+        wait_until(lambda: any(scale.converged for scale in self.listener.scales[first:]), "the camera is not used")
+        self.listener.wait_for_scale(self.robot)
+
     def test_z_another_parent_of_the_base(self):
         """The fusion steps back, so that the base does not jump between two parents."""
         driver = tf2_ros.TransformBroadcaster()

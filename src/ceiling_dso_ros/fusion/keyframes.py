@@ -56,7 +56,7 @@ class KeyframeChain:
     def update(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
         """Take in the window as last refined, not empty; returns the keyframes that were not known, in their order."""
         newest = max(keyframes, key=lambda k: k.keyframe_id)
-        if newest.keyframe_id < self._newest_id:
+        if newest.keyframe_id < self._newest_id or self._counts_anew(keyframes):
             if newest.stamp_ns <= self._newest_ns:
                 return []  # a window that comes late
             self._links, self._newest_id = [], -1  # the odometry was reset and counts anew
@@ -65,6 +65,11 @@ class KeyframeChain:
         self._newest_id, self._newest_ns = newest.keyframe_id, newest.stamp_ns
         self._links = [link for link in self._links[:-1] if link.keyframe_id in self._poses] + self._links[-1:]
         return new
+
+    def _counts_anew(self, keyframes: Sequence[KeyframeEstimate]) -> bool:
+        """Whether an id that is known means another image now."""
+        known = [(k, self._poses[k.keyframe_id]) for k in keyframes if k.keyframe_id in self._poses]
+        return any(k.stamp_ns != before.stamp_ns for k, before in known)
 
     def refinements(self) -> Iterator[Refinement]:
         """The motions between consecutive nodes that the window holds now."""

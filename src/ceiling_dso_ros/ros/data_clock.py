@@ -2,7 +2,8 @@
 """Gives increasing stamps for a stream, also if its clock is set back.
 
 The code behind the servers requires increasing stamps. They are taken from an inner clock: the clock of the data plus
-an offset that changes when that clock is set back. Outputs have the original stamps of the data.
+an offset that changes when that clock is set back. Published messages have the original stamps of the data; recorded
+trajectories have those of the inner clock, because a file's stamps must increase.
 """
 
 import bisect

@@ -127,6 +127,7 @@ class FusionServer:
         self._clock.reset()
         self._wheel_heard_s = 0.0
         self._last_image_ns: Optional[int] = None
+        self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
         self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
         self._newest_image: Optional[OdometryStatus] = None
@@ -151,6 +152,7 @@ class FusionServer:
                 self._wheels.complain("a message without a stamp")
                 return
             self._take_wheel_stamp(stamp_ns)
+            self._use_latched_window()
             self._use_mount()
             self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
             state = self._estimator.add_wheel_odometry(self._clock.inner_ns(stamp_ns), pose)
@@ -186,17 +188,29 @@ class FusionServer:
                 self._take_in(status, message.header.stamp, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
-        """Use the latched window, because while the robot stands still no new one may come for a long time."""
+        """Keep the latched window, because while the robot stands still no new one may come for a long time."""
         with self._lock:
-            if self._window is not None:  # the others come with their statuses
-                return
-            try:
-                self._window = window_from_message(message, self._clock)
-            except ValueError as error:
-                self._images.complain(str(error))
-                return
-            if self._camera_known:
-                self._estimator.add_keyframes(self._window)
+            self._latched = message
+            self._use_latched_window()
+
+    def _use_latched_window(self) -> None:
+        """Use the latched window once the wheels tell the time: one from the future is of another run."""
+        message, now_ns = self._latched, self._clock.last_ns
+        if message is None or now_ns is None:
+            return
+        self._latched = None
+        if self._window is not None:  # all further ones come with their statuses
+            return
+        try:
+            window = window_from_message(message, self._clock)
+        except ValueError as error:
+            self._images.complain(str(error))
+            return
+        if any(keyframe.stamp_ns > now_ns + CAMERA_AHEAD_NS for keyframe in window.keyframes):
+            return
+        self._window = window
+        if self._camera_known:
+            self._estimator.add_keyframes(window)
 
     def _is_of_now(self, stamp_ns: int) -> bool:
         """Whether an image is in order and not of the run before."""

@@ -98,7 +98,9 @@ class WheelServer:
     def _on_ticks(self, side: str, message: Int32) -> None:
         with self._lock:
             counters = self._pairs.add(side, stamp_ns_of(rospy.Time.now()), message.data)
-            if counters is not None:
+            if counters is not None and counters.stamp_ns == 0:
+                self._samples.complain("ticks before the clock has started")
+            elif counters is not None:
                 stamp_ns = self._begin_sample(counters.stamp_ns)
                 self._take_in(self._odometry.add_ticks(stamp_ns, counters.left, counters.right))
 
@@ -126,7 +128,7 @@ class WheelServer:
             along = np.ix_((0, 2), (0, 2))
             covariance = (noise.white(step) + noise.resolution)[along] / step.duration_s**2
             self._publish(total, step.rate[::2], covariance)
-        elif total is not None and total.start_ns == total.end_ns == self._clock.last_ns:  # the origin
+        elif total is not None and not self._odometry.message and total.start_ns == total.end_ns:  # the origin
             self._publish(total, np.zeros(2), UNKNOWN_VARIANCE * np.eye(2))
 
     def _publish(self, total: WheelMotion, twist: np.ndarray, twist_covariance: np.ndarray) -> None:

@@ -128,6 +128,12 @@ to_pixel = kernel_inlined(pixels)
 
 
 @kernel_inlined
+def pixel_shift(intrinsics: Intrinsics, x: float, y: float, x_moved: float, y_moved: float) -> Tuple[float, float]:
+    """Shift (du, dv) in pixels between two points in normalised coordinates."""
+    return intrinsics.fx * (x_moved - x), intrinsics.fy * (y_moved - y)
+
+
+@kernel_inlined
 def warp_infinite(warp: Warp, a: float, b: float) -> Tuple[float, float, float]:
     """M (a, b, 1): where the point is seen at inverse depth 0, not yet divided."""
     return (

@@ -12,6 +12,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.projection import (
     in_view,
     intrinsics_of,
+    pixel_shift,
     pose_gradient,
     to_pixel,
     unproject,
@@ -241,8 +242,8 @@ def mean_squared_flow(
         x_moved, y_moved, z_moved, _ = warp_point(motion, x, y, idepth[i])
         if z_translated <= 0.0 or z_moved <= 0.0:
             continue
-        shift_x, shift_y = camera.fx * (x_translated - x), camera.fy * (y_translated - y)
-        motion_x, motion_y = camera.fx * (x_moved - x), camera.fy * (y_moved - y)
+        shift_x, shift_y = pixel_shift(camera, x, y, x_translated, y_translated)
+        motion_x, motion_y = pixel_shift(camera, x, y, x_moved, y_moved)
         by_translation += shift_x * shift_x + shift_y * shift_y
         by_motion += motion_x * motion_x + motion_y * motion_y
         count += 1
