@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+import yaml
 
 from ceiling_dso_ros.dso import OdometryConfig
 from ceiling_dso_ros.fusion.config import FusionConfig
@@ -36,6 +37,16 @@ def test_what_is_written_is_read_back_and_holds_every_setting(tmp_path):
     text = (tmp_path / "config.yaml").read_text()
     for name in dataclasses.asdict(config)["window"]:
         assert name in text
+
+
+@pytest.mark.parametrize("kind", [OdometryConfig, FusionConfig])
+def test_what_is_written_is_yaml_for_roslaunch_too(tmp_path, kind):
+    """The parameter server has no null: roslaunch would end with "cannot marshal None"."""
+    path = tmp_path / "config.yaml"
+    write_settings(path, kind())
+    assert "null" not in path.read_text()
+    assert yaml.safe_load(path.read_text()) == plain_values(kind())
+    assert load_settings(path, kind=kind) == kind()
 
 
 def test_an_empty_file_changes_nothing(tmp_path):

@@ -82,12 +82,12 @@ def plain_values(config: Any) -> Dict[str, Any]:  # noqa: ANN401
 
 
 def write_settings(path: Path, config: object) -> None:
-    """Write all values as yaml that `load_settings` reads.
+    """Write all values as yaml that `load_settings` and roslaunch read.
 
     Raises:
         OSError: the file cannot be written.
     """
-    path.write_text(OmegaConf.to_yaml(OmegaConf.structured(config)))
+    path.write_text(yaml.safe_dump(plain_values(config), sort_keys=False))
 
 
 def _read_yaml(path: Path) -> Mapping:
