@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The launch files as roslaunch reads them: nothing is started."""
 
+import runpy
 import shlex
 from dataclasses import fields
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 pytest.importorskip("ceiling_dso_ros.cfg", reason="needs ROS and the built workspace")
 
+import rospy
 from roslaunch.arg_dump import get_args
 from roslaunch.config import ROSLaunchConfig
 from roslaunch.xmlloader import XmlLoader
@@ -181,10 +183,53 @@ def test_paths_of_bags_may_hold_anything(path):
     assert arguments["recorder"][:2] == ["--output-name", path]
 
 
-def test_playback_records_and_waits_for_what_the_nodes_are_told_to_publish():
+def test_playback_records_what_the_nodes_are_told_to_publish():
     config = load("playback", "record:=/x.bag", "odometry:=ceiling/odometry", "wheel_odometry:=/robot/odom")
     recorder = next(node for node in config.nodes if node.name == "recorder")
     assert {"/ceiling/odometry", "/robot/odom"} <= set(shlex.split(recorder.args))
-    topics = config.params["/playback_gate/topics"].value
-    assert topics == ["/camera/up/image_raw", "visual_odometry/status", "/robot/odom", "ceiling/odometry"]
     assert "recorder" not in {node.name for node in load("playback").nodes}
+
+
+@pytest.fixture
+def awaited_topics(monkeypatch):
+    """The topics for which playback_gate waits with arguments of playback.launch."""
+    gate = runpy.run_path(str(LAUNCH.parent / "nodes" / "playback_gate"))
+
+    def awaited(*arguments):
+        values = {name: parameter.value for name, parameter in load("playback", *arguments).params.items()}
+
+        def get_param(name, default=None):
+            return values.get(f"/playback_gate/{name[1:]}" if name.startswith("~") else f"/{name}", default)
+
+        monkeypatch.setattr(rospy, "get_param", get_param)
+        monkeypatch.setattr(rospy, "resolve_name", lambda name: f"/{name.lstrip('/')}")
+        return gate["awaited_topics"]()
+
+    return awaited
+
+
+IMAGE, WHEELS = "/camera/up/image_raw", "/joint_states"
+BETWEEN_NODES = {"/visual_odometry/status", "/wheel/odometry"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "topics"),
+    [
+        ([], {IMAGE, WHEELS, *BETWEEN_NODES}),
+        (["joint_states:=/my/joints"], {IMAGE, "/my/joints", *BETWEEN_NODES}),
+        (["image:=/my/camera", "image_transport:=compressed"], {"/my/camera/compressed", WHEELS, *BETWEEN_NODES}),
+        (["image_transport:=raw"], {IMAGE, WHEELS, *BETWEEN_NODES}),
+        (["wheel_input:=ticks", "right_ticks:=/r"], {IMAGE, "/wheel/left/ticks", "/r", *BETWEEN_NODES}),
+        (["wheel_input:=odometry", "wheel_odometry:=/robot/odom"], {IMAGE, "/visual_odometry/status", "/robot/odom"}),
+        (["record:=/x.bag"], {IMAGE, WHEELS, *BETWEEN_NODES, "/odometry/filtered"}),
+        (["record:=/x.bag", "odometry:=ceiling/odometry"], {IMAGE, WHEELS, *BETWEEN_NODES, "/ceiling/odometry"}),
+    ],
+)
+def test_the_bag_begins_when_its_topics_and_those_between_the_nodes_have_subscribers(awaited_topics, arguments, topics):
+    assert awaited_topics(*arguments) == topics
+
+
+def test_the_bag_waits_for_compressed_images_of_a_settings_file_too(awaited_topics, tmp_path):
+    settings = tmp_path / "dso.yaml"
+    settings.write_text("image_transport: compressed")
+    assert f"{IMAGE}/compressed" in awaited_topics(f"dso_settings:={settings}")
