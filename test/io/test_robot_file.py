@@ -60,8 +60,13 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
         (ROBOT.replace("0.485", "-0.485"), "wheel_base must be a positive number, not -0.485"),
         (ROBOT.replace("0.485", ".nan"), "wheel_base must be a positive number, not nan"),
         (ROBOT + MOUNT + "camera_time_offset: late", "camera_time_offset must be a number, not late"),
-        (ROBOT, "T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers)"),
+        (ROBOT, "T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"),
         (ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[0, 0, 0, 0]"), "T_base_camera must have xyz (3 numbers, metres)"),
+        (
+            ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[1e-300, 0, 0, 1e-300]"),
+            "T_base_camera must have xyz (3 numbers, met",
+        ),
+        (ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[0, 0, 0, 9e-7]"), "T_base_camera must have xyz (3 numbers, metres)"),
     ],
 )
 def test_wrong_files_are_explained(tmp_path, text, complaint):

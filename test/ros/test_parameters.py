@@ -89,6 +89,17 @@ def test_wrong_parameters_are_refused_in_one_line_and_none_is_written(server, gi
     assert server == given
 
 
+@pytest.mark.parametrize("value", [5, 0, "text", [1, 2], []])
+def test_a_namespace_that_is_one_value_is_refused_in_one_line(server, monkeypatch, value):
+    """As after `rosparam set /node 5`."""
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: value)
+    with pytest.raises(
+        InputError, match=r"^/node: holds one value, .*, instead of parameters; .*rosparam delete /node$"
+    ):
+        parameters.read(FusionParameters, FusionConfig, groups=ROBOT_GROUP)
+    assert server == {}
+
+
 @pytest.mark.parametrize("text", ["100", "64*64", "64x"])
 def test_an_image_size_is_two_numbers(server, text):
     server["image_size"] = text

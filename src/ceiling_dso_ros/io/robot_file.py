@@ -90,8 +90,10 @@ def _positive_numbers(values: Mapping, key: str, count: int, source: str) -> Seq
 def _transform(value: Any, source: str) -> np.ndarray:  # noqa: ANN401
     value = value if isinstance(value, dict) else {}
     translation, quaternion = _numbers(value.get("xyz"), 3), _numbers(value.get("quat_xyzw"), 4)
-    if translation is None or quaternion is None or not any(quaternion):
-        raise InputError(f"{source}: T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers)")
+    if translation is None or quaternion is None or np.linalg.norm(quaternion) < 1e-6:
+        raise InputError(
+            f"{source}: T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"
+        )
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     T[:3, 3] = translation

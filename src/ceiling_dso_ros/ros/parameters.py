@@ -26,9 +26,13 @@ def read(*kinds: type, groups: Optional[Mapping[str, Any]] = None) -> Tuple[Any,
         One object for each of kinds.
 
     Raises:
-        InputError: a name is unknown, or a value of another type or out of range.
+        InputError: a name is unknown, a value of another type or out of range, or the node's name itself has a value.
     """
     node, given = rospy.get_name(), rospy.get_param("~", {})
+    if not isinstance(given, dict):
+        raise InputError(
+            f"{node}: holds one value, {given!r}, instead of parameters; remove it: rosparam delete {node}"
+        )
     defaults = {name: value for kind in kinds for name, value in default_values(kind).items()}
     # The further groups are checked where they are read.
     known = {**defaults, **{name: given.get(name, names) for name, names in (groups or {}).items()}}
