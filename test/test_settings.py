@@ -75,6 +75,11 @@ def test_an_empty_file_changes_nothing(tmp_path):
         ("window=5", "--set window=5: window is a group of values, not one: max_keyframes, min_keyframes"),
         ("window.max_keyframes=[1", "--set window.max_keyframes=[1"),
         ("window.max_keyframes=${nowhere}", "window.max_keyframes"),
+        (
+            "window.max_keyframes=${window.min_keyframes}",
+            "window.max_keyframes=${window.min_keyframes}: ${ is not allowed in a value",
+        ),
+        ("window.max_keyframes=???", "--set window.max_keyframes=???: window.max_keyframes=???: ??? is not a value"),
         ("window.max_keyframes=1000", "window.max_keyframes=1000: 3 to"),
     ],
 )
@@ -94,6 +99,11 @@ def test_wrong_overrides_are_named_in_one_line(override, complaint):
         ("5: 3", "5 is unknown; there are window"),
         ("window: {max_keyframes: many}", "window.max_keyframes: Value 'many'"),
         ("window: {max_keyframes: '${'}", "window.max_keyframes"),
+        ("window: '${tracking}'", "window is a group of values"),
+        ("window: {max_keyframes: '${.min_keyframes}'}", "window.max_keyframes=${.min_keyframes}: ${ is not allowed"),
+        ("tracking: {cutoff: '???'}", "tracking.cutoff=???: ??? is not a value"),
+        ("initialization: {densities: [0.5, '???']}", "initialization.densities=???: ??? is not a value"),
+        ("initialization: {densities: '???'}", "initialization.densities=???: ??? is not a value"),
     ],
 )
 def test_wrong_files_are_named_in_one_line(tmp_path, text, complaint):

@@ -59,6 +59,7 @@ def merge_settings(kind: Type[Config], layers: Sequence[Tuple[str, Mapping]], wh
     for source, values in layers:
         require_known(values, defaults, source)
         try:
+            _require_plain(values, defaults, "")
             settings.merge_with(OmegaConf.create(_understood(values, defaults)))
         except (OmegaConfBaseException, ConfigError) as error:
             raise InputError(f"{source}: {_describe(error)}") from error
@@ -110,6 +111,18 @@ def _read_override(override: str) -> Mapping:
     except (OmegaConfBaseException, yaml.YAMLError) as error:
         raise InputError(f"--set {override}: {_describe(error)}") from error
     return cast(Dict[str, Any], values)  # of a DictConfig
+
+
+def _require_plain(value: Any, default: Any, name: str) -> None:  # noqa: ANN401
+    """Refuse what only OmegaConf understands, references and ???, and numbers that it takes for true or false."""
+    if isinstance(value, Mapping):
+        for key, member in value.items():
+            _require_plain(member, default.get(key), f"{name}.{key}" if name else str(key))
+    for text in value if isinstance(value, list) else [value]:
+        require(text != "???", f"{name}={text}: ??? is not a value")
+        require(not isinstance(text, str) or "${" not in text, f"{name}={text}: ${{ is not allowed in a value")
+    if isinstance(default, bool):
+        require(isinstance(value, (bool, str)), f"{name}={value}: true or false")
 
 
 def _understood(value: Any, default: Any) -> Any:  # noqa: ANN401

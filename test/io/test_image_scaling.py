@@ -49,6 +49,6 @@ def test_impossible_sizes_are_refused(size, complaint):
 
 def test_parsing():
     assert parse_image_size("424x240", "--size") == (424, 240)
-    for text in ("", "424", "424x", "424 x 240", "424x240x3", "-424x240", "4.5x3"):
+    for text in ("", "424", "424x", "424 x 240", "424x240x3", "-424x240", "4.5x3", "0x0", "424x0", "00x240"):
         with pytest.raises(InputError, match=f"--size {text}: expected WIDTHxHEIGHT"):
             parse_image_size(text, "--size")

@@ -75,7 +75,15 @@ def test_nothing_is_written_that_is_there_already(server, monkeypatch):
         ({"silence": 100}, "/node: silence=100.0: 0.1 to 60"),
         ({"tf_mode": "both"}, "/node: tf_mode=both: odom or correction"),
         ({"odom_frame": "/"}, "/node: odom_frame=/: the name of a frame"),
+        ({"odom_frame": "base_link"}, "/node: odom_frame and base_frame are both base_link: two frames are needed"),
+        ({"odom_frame": "/a", "base_frame": "a"}, "/node: odom_frame and base_frame are both a: two frames are needed"),
         ({"publish_tf": "maybe"}, "/node: publish_tf: Value 'maybe'"),
+        ({"publish_tf": 2}, "/node: publish_tf=2: true or false"),
+        ({"publish_tf": 1.0}, "/node: publish_tf=1.0: true or false"),
+        ({"silence": "???"}, "/node: silence=???: ??? is not a value"),
+        ({"odom_frame": "${base_frame}"}, "/node: odom_frame=${base_frame}: ${ is not allowed in a value"),
+        ({"trajectory_dir": "/a/${b"}, "/node: trajectory_dir=/a/${b: ${ is not allowed in a value"),
+        ({"output": {"blend_s": "${oc.env:HOME}"}}, "/node: output/blend_s=${oc.env:HOME}: ${ is not allowed"),
         ({"covariance_scale": 0.0}, "/node: covariance_scale=0.0: 0.001 to 1e+06"),
         ({"path_length": 1.5}, "/node: path_length: Value '1.5'"),
     ],
@@ -100,7 +108,23 @@ def test_a_namespace_that_is_one_value_is_refused_in_one_line(server, monkeypatc
     assert server == {}
 
 
-@pytest.mark.parametrize("text", ["100", "64*64", "64x"])
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ({"base_frame": "odom"}, "/node: odom_frame and base_frame are both odom: two frames are needed"),
+        ({"left_joint": "wheel", "right_joint": "wheel"}, "/node: left_joint and right_joint are both wheel"),
+    ],
+)
+def test_the_names_of_wheels_and_frames_differ(server, given, complaint):
+    server.update(given)
+    with pytest.raises(InputError) as caught:
+        parameters.read(WheelParameters)
+    assert str(caught.value).startswith(complaint)
+    assert "\n" not in str(caught.value)
+    assert server == given
+
+
+@pytest.mark.parametrize("text", ["100", "64*64", "64x", "0x0", "0x480", "848x00"])
 def test_an_image_size_is_two_numbers(server, text):
     server["image_size"] = text
     with pytest.raises(InputError, match=r"/node: image_size .*: expected WIDTHxHEIGHT"):

@@ -12,12 +12,12 @@ from ceiling_dso_ros.io.errors import InputError
 
 
 def parse_image_size(text: str, source: str) -> Tuple[int, int]:
-    """Width and height from `WIDTHxHEIGHT`.
+    """Width and height from `WIDTHxHEIGHT`, both positive.
 
     Raises:
         InputError: it is something else; source names the option or parameter.
     """
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    match = re.fullmatch(r"0*([1-9]\d*)x0*([1-9]\d*)", text)
     if match is None:
         raise InputError(f"{source} {text}: expected WIDTHxHEIGHT as in 848x480")
     return int(match[1]), int(match[2])

@@ -29,6 +29,12 @@ def _require_frames(parameters: object, *names: str) -> None:
         require(bool(getattr(parameters, name).strip("/ ")), f"{name}={getattr(parameters, name)}: the name of a frame")
 
 
+def _require_odom_and_base(parameters: object) -> None:
+    _require_frames(parameters, "odom_frame", "base_frame")
+    odom_frame, base_frame = (getattr(parameters, name).lstrip("/") for name in ("odom_frame", "base_frame"))
+    require(odom_frame != base_frame, f"odom_frame and base_frame are both {odom_frame}: two frames are needed")
+
+
 def _require_configurable(parameters: object, config: ModuleType) -> None:
     """Check the parameters of dynamic_reconfigure against its ranges."""
     for name in config.defaults:
@@ -92,7 +98,9 @@ class WheelParameters:
         """Raise ConfigError when a value is out of range."""
         self.wheels.check()
         _require_choice(self, "input", ("joint_states", "ticks"))
-        _require_frames(self, "odom_frame", "base_frame")
+        joint = self.left_joint
+        require(not joint or joint != self.right_joint, f"left_joint and right_joint are both {joint}: two are needed")
+        _require_odom_and_base(self)
         _require_range(self, "silence", *SILENCE_S)
 
 
@@ -116,7 +124,7 @@ class FusionParameters:
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
-        _require_frames(self, "odom_frame", "base_frame")
+        _require_odom_and_base(self)
         _require_choice(self, "tf_mode", ("odom", "correction"))
         _require_range(self, "silence", *SILENCE_S)
         _require_configurable(self, FusionConfig)
