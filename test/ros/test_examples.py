@@ -90,9 +90,11 @@ def test_robot_localization_hears_the_ceiling_and_not_itself(run_example, odomet
     assert_nothing_twice(found, publishers)
 
 
-def test_move_base_hears_the_fusion(run_example):
-    found, publishers = run_example("move_base")
-    assert publishers["/odometry/filtered"] == ["/fusion_node"]
+@pytest.mark.parametrize("odometry", ["odometry/filtered", "another/name"])
+def test_move_base_hears_the_fusion(run_example, odometry):
+    arguments = [] if odometry == "odometry/filtered" else [f"odometry:={odometry}"]
+    found, publishers = run_example("move_base", *arguments)
+    assert publishers[f"/{odometry}"] == ["/fusion_node"]
     topics = ("DWAPlannerROS/odom_topic", "TrajectoryPlannerROS/odom_topic")
     assert found["odometry"] == [[topic, "/fusion_node", "odom", "base_link"] for topic in topics]
     assert found["transforms"] == [["/fusion_node", "odom", "base_link"]]

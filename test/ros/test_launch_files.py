@@ -183,6 +183,17 @@ def test_paths_of_bags_may_hold_anything(path):
     assert arguments["recorder"][:2] == ["--output-name", path]
 
 
+@pytest.mark.parametrize("planner", ["TrajectoryPlannerROS", "DWAPlannerROS"])
+@pytest.mark.parametrize(
+    ("arguments", "topic"), [([], "odometry/filtered"), (["odometry:=another/name"], "another/name")]
+)
+def test_move_base_follows_the_output_to_its_topic(planner, arguments, topic):
+    config = load("../cfg/examples/move_base", *arguments)
+    assert nested(config, "move_base")[planner]["odom_topic"] == topic
+    fusion = next(node for node in config.nodes if node.name == "fusion_node")
+    assert [new for old, new in fusion.remap_args if old.lstrip("/") == "odometry/filtered"] == [topic]
+
+
 def test_playback_records_what_the_nodes_are_told_to_publish():
     config = load("playback", "record:=/x.bag", "odometry:=ceiling/odometry", "wheel_odometry:=/robot/odom")
     recorder = next(node for node in config.nodes if node.name == "recorder")
