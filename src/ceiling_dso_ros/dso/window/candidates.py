@@ -10,6 +10,7 @@ from ceiling_dso_ros.dso.compute.struct_of_arrays import struct_of_arrays
 from ceiling_dso_ros.dso.images.interpolation import sample_gradient
 from ceiling_dso_ros.dso.images.pattern import GRADIENT_WEIGHT, PATTERN_SIZE, PATTERN_X, PATTERN_Y
 from ceiling_dso_ros.dso.images.selection import SelectedPixels
+from ceiling_dso_ros.dso.window.host_table import HostTable
 from ceiling_dso_ros.dso.window.trace_outcome import UNTRACED
 
 UNSEARCHED_QUALITY = 1e4  # until a first search; searches give less
@@ -77,21 +78,11 @@ def initialize_candidates(
             candidates.grad_yy[i] += grad_y * grad_y
 
 
-class CandidateTable:
+class CandidateTable(HostTable[CandidateArrays]):
     """The candidates of all keyframes in the window, sorted by host slot."""
 
     def __init__(self, capacity: int) -> None:
-        self.arrays = CandidateArrays.of_capacity(capacity)
-        self.count = 0
-
-    @property
-    def capacity(self) -> int:
-        """How many candidates fit."""
-        return self.arrays.u.size
-
-    def host_ranges(self, hosts: int) -> np.ndarray:
-        """(hosts + 1,) first index of each host slot's candidates, and the end."""
-        return np.searchsorted(self.arrays.host[: self.count], np.arange(hosts + 1))
+        super().__init__(CandidateArrays.of_capacity(capacity))
 
     def add(
         self, pixels: SelectedPixels, host: int, image: np.ndarray, width: int,

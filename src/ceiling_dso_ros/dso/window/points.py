@@ -7,6 +7,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.struct_of_arrays import struct_of_arrays
 from ceiling_dso_ros.dso.images.pattern import PATTERN_SIZE
+from ceiling_dso_ros.dso.window.host_table import HostTable
 
 # State of a residual, one per (target keyframe, point).
 NONE = 0  # never there, or removed
@@ -80,22 +81,12 @@ def residual_arrays(targets: int, capacity: int) -> ResidualArrays:
     )
 
 
-class PointTable:
+class PointTable(HostTable[PointArrays]):
     """The active points of all keyframes in the window, sorted by host slot, with their residuals."""
 
     def __init__(self, targets: int, capacity: int) -> None:
-        self.arrays = point_arrays(capacity)
+        super().__init__(point_arrays(capacity))
         self.residuals = residual_arrays(targets, capacity)
-        self.count = 0
-
-    @property
-    def capacity(self) -> int:
-        """How many points fit."""
-        return self.arrays.u.size
-
-    def host_ranges(self, hosts: int) -> np.ndarray:
-        """(hosts + 1,) first index of each host slot's points, and the end."""
-        return np.searchsorted(self.arrays.host[: self.count], np.arange(hosts + 1))
 
     def append(
         self, u: np.ndarray, v: np.ndarray, kind: np.ndarray, grey: np.ndarray, weight: np.ndarray, idepth: np.ndarray,
