@@ -25,3 +25,9 @@ def truth():
 @pytest.fixture(scope="session")
 def fuse():
     return fuse_drive
+
+
+@pytest.fixture
+def robot_truth(truth):
+    """1 % of ratio and base, noisy encoders, exact mean radius, a poor camera."""
+    return truth(ratio=0.01, base=0.01, wheel_noise=0.002, shift_sigma=2.2e-4, turn_sigma=3.5e-4)
