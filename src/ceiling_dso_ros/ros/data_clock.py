@@ -10,6 +10,8 @@ import bisect
 import enum
 from typing import List, NamedTuple, Optional
 
+from ceiling_dso_ros.fusion.durations import seconds
+
 BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back; a smaller one: a sample out of order
 
 
@@ -51,7 +53,7 @@ class DataClock:
 
     def behind_s(self, stamp_ns: int) -> float:
         """Seconds by which a stamp lies before the latest one; 0 before the first."""
-        return 0.0 if self._last_ns is None else (self._last_ns - stamp_ns - self._eras[-1].offset_ns) / 1e9
+        return 0.0 if self._last_ns is None else seconds(self._last_ns - stamp_ns - self._eras[-1].offset_ns)
 
     def take(self, stamp_ns: int) -> StampKind:
         """Classify a stamp; only NEXT advances the time."""

@@ -16,7 +16,7 @@ from ceiling_dso_ros.cfg import FusionOutputConfig
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
@@ -184,7 +184,7 @@ class FusionServer:
             except ValueError as error:
                 self._images.complain(str(error))
                 return
-            if status is not None and self._is_of_now(status.stamp_ns):
+            if status is not None and self._is_of_now(status.stamp_ns + self._camera_offset_ns):
                 self._take_in(status, message.header.stamp, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
@@ -206,21 +206,22 @@ class FusionServer:
         except ValueError as error:
             self._images.complain(str(error))
             return
-        if any(keyframe.stamp_ns > now_ns + CAMERA_AHEAD_NS for keyframe in window.keyframes):
+        latest_ns = now_ns + CAMERA_AHEAD_NS - self._camera_offset_ns
+        if any(keyframe.stamp_ns > latest_ns for keyframe in window.keyframes):
             return
         self._window = window
         if self._camera_known:
             self._estimator.add_keyframes(window)
 
     def _is_of_now(self, stamp_ns: int) -> bool:
-        """Whether an image is in order and not of the run before."""
+        """Whether an image is in order and not of the run before; its stamp is on the wheels' clock, nanoseconds."""
         newest_wheel_ns = self._clock.last_ns
         if newest_wheel_ns is None or (self._camera_may_be_old and stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
             return False
         self._camera_may_be_old = False
         # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.
         ahead = stamp_ns > newest_wheel_ns + BACKWARDS_NS
-        if ahead and not self._begins_again and time.monotonic() - self._wheel_heard_s < BACKWARDS_NS * 1e-9:
+        if ahead and not self._begins_again and time.monotonic() - self._wheel_heard_s < seconds(BACKWARDS_NS):
             self._images.complain("an image that is far ahead of the wheels")
             return False
         last_ns = self._last_image_ns
