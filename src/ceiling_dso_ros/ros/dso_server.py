@@ -30,16 +30,16 @@ from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.calibration_input import CalibrationInput
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, stamp_ns_of, status_message
-from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
+from ceiling_dso_ros.ros.data_clock import StampKind
 from ceiling_dso_ros.ros.exposures import ExposureLookup
 from ceiling_dso_ros.ros.kernels import load_kernels
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
 from ceiling_dso_ros.ros.motion_predictions import MotionPredictions
-from ceiling_dso_ros.ros.node import time_is_simulated
 from ceiling_dso_ros.ros.node_parameters import DsoParameters
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
+from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
@@ -108,8 +108,7 @@ class DsoServer:
         self._images = diagnostics.Stream(own.silence)
         self._dropped, self._paused = 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
-        self._begins_again = time_is_simulated()
-        self._clock = DataClock()
+        self._clock = RunClock()
         self._last_stamp_ns: Optional[int] = None
         self._calibration: Optional[CameraCalibration] = None  # of the run
         self._size_complaint = ""
@@ -251,18 +250,9 @@ class DsoServer:
         """
         if stamp_ns == 0:
             raise FrameError("it has no stamp")
-        kind = self._clock.take(stamp_ns)
+        kind = self._clock.follow(stamp_ns, self._start_anew)
         if kind in (StampKind.REPEATED, StampKind.LATE):
             raise FrameError(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
-        if kind is StampKind.BACK:
-            went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
-            if self._begins_again:
-                rospy.logwarn(f"{went_back}: restarting")
-                self._start_anew()
-                self._clock.take(stamp_ns)
-            else:
-                rospy.logwarn(f"{went_back}: the clock was set back, the odometry continues")
-                self._clock.set_back(stamp_ns)
         return self._clock.inner_ns(stamp_ns)
 
     def _with_data_stamps(self, status: OdometryStatus) -> OdometryStatus:

@@ -16,7 +16,7 @@ from ceiling_dso_ros.cfg import FusionOutputConfig
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
+from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
@@ -25,20 +25,19 @@ from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time, stamp_ns_of
-from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
+from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
 from ceiling_dso_ros.ros.metric_map import MetricMap
-from ceiling_dso_ros.ros.node import time_is_simulated
 from ceiling_dso_ros.ros.node_parameters import FusionParameters
 from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot, with_camera
+from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message
 from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
 
 QUEUE_SIZE = 200  # every wheel sample and every image counts
-CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
 
 
 class FusionServer:
@@ -86,8 +85,8 @@ class FusionServer:
 
         self._lock = threading.Lock()
         self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
-        self._begins_again = time_is_simulated()
-        self._clock = DataClock()  # clock of the wheels, to which the images' stamps are converted
+        self._clock = RunClock()  # clock of the wheels, to which the images' stamps are converted
+        self._order = ImageOrder(self._clock.is_simulated)
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
         self._mount = CameraMount(base_frame, camera_frame, self._robot.T_base_camera if has_camera else None)
@@ -125,13 +124,11 @@ class FusionServer:
         self._state: Optional[FusedState] = None
         self._record = FusedRecord()
         self._clock.reset()
-        self._wheel_heard_s = 0.0
-        self._last_image_ns: Optional[int] = None
+        self._order.reset()
         self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
         self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
         self._newest_image: Optional[OdometryStatus] = None
-        self._camera_may_be_old = True
         self._publisher.reset()
         self._map.clear()
 
@@ -141,7 +138,7 @@ class FusionServer:
         start_s = time.perf_counter()
         with self._lock:
             self._wheels.heard()
-            self._wheel_heard_s = time.monotonic()
+            self._order.heard_wheels()
             stamp_ns = stamp_ns_of(message.header.stamp)
             try:
                 pose = planar_pose(message.pose.pose)
@@ -151,7 +148,7 @@ class FusionServer:
             if stamp_ns == 0:
                 self._wheels.complain("a message without a stamp")
                 return
-            self._take_wheel_stamp(stamp_ns)
+            self._clock.follow(stamp_ns, self._start_anew)
             self._use_latched_window()
             self._use_mount()
             self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
@@ -160,18 +157,6 @@ class FusionServer:
                 self._wheels.complain(self._estimator.wheels.message)
             self._publish(state, start_s)
             self._predict()
-
-    def _take_wheel_stamp(self, stamp_ns: int) -> None:
-        """Check the order of a wheel sample's stamp; restart if a bag is played again."""
-        if self._clock.take(stamp_ns) is not StampKind.BACK:
-            return
-        went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
-        if self._begins_again:
-            self._start_anew(went_back)
-            self._clock.take(stamp_ns)
-        else:
-            rospy.logwarn(f"{went_back}: the clock was set back, the pose does not change")
-            self._clock.set_back(stamp_ns)
 
     def _on_status(self, message: VisualOdometryStatus) -> None:
         start_s = time.perf_counter()
@@ -184,7 +169,10 @@ class FusionServer:
             except ValueError as error:
                 self._images.complain(str(error))
                 return
-            if status is not None and self._is_of_now(status.stamp_ns + self._camera_offset_ns):
+            if status is None:
+                return
+            on_wheel_clock_ns = status.stamp_ns + self._camera_offset_ns
+            if self._order.is_usable(on_wheel_clock_ns, self._clock.last_ns, self._images.complain):
                 self._take_in(status, message.header.stamp, start_s)
 
     def _on_keyframes(self, message: Keyframes) -> None:
@@ -212,25 +200,6 @@ class FusionServer:
         self._window = window
         if self._camera_known:
             self._estimator.add_keyframes(window)
-
-    def _is_of_now(self, stamp_ns: int) -> bool:
-        """Whether an image is in order and not of the run before; its stamp is on the wheels' clock, nanoseconds."""
-        newest_wheel_ns = self._clock.last_ns
-        if newest_wheel_ns is None or (self._camera_may_be_old and stamp_ns > newest_wheel_ns + CAMERA_AHEAD_NS):
-            return False
-        self._camera_may_be_old = False
-        # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.
-        ahead = stamp_ns > newest_wheel_ns + BACKWARDS_NS
-        if ahead and not self._begins_again and time.monotonic() - self._wheel_heard_s < seconds(BACKWARDS_NS):
-            self._images.complain("an image that is far ahead of the wheels")
-            return False
-        last_ns = self._last_image_ns
-        # Where the clock has been set back, images may come before the wheels tell by how much.
-        if last_ns is not None and stamp_ns <= last_ns <= newest_wheel_ns + CAMERA_AHEAD_NS:
-            self._images.complain("an image that is not later than the last one")
-            return False
-        self._last_image_ns = stamp_ns
-        return True
 
     def _take_in(self, status: OdometryStatus, stamp: rospy.Time, start_s: float) -> None:
         if status.keyframes:
@@ -297,8 +266,7 @@ class FusionServer:
 
     # Services
 
-    def _start_anew(self, reason: str) -> None:
-        rospy.logwarn(f"{reason}: restarting")
+    def _start_anew(self) -> None:
         self._counts.resets += 1
         self._estimator.reset()
         self._forget()
@@ -306,7 +274,8 @@ class FusionServer:
     def _reset(self) -> str:
         with self._lock:
             window = self._window
-            self._start_anew("asked to reset")
+            rospy.logwarn("asked to reset: restarting")
+            self._start_anew()
             if window is not None and self._camera_known:
                 self._window = window
                 self._estimator.add_keyframes(window)

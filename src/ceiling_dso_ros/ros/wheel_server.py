@@ -17,11 +17,10 @@ from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.io.wheel_joints import WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time, stamp_ns_of
-from ceiling_dso_ros.ros.data_clock import DataClock, StampKind
-from ceiling_dso_ros.ros.node import time_is_simulated
 from ceiling_dso_ros.ros.node_parameters import WheelParameters
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
+from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_trigger
 
 QUEUE_SIZE = 200  # samples; every one counts
@@ -61,8 +60,7 @@ class WheelServer:
         self._samples = diagnostics.Stream(own.silence)
 
         self._lock = threading.Lock()
-        self._begins_again = time_is_simulated()
-        self._clock = DataClock()
+        self._clock = RunClock()
         self._broadcaster = tf2_ros.TransformBroadcaster() if own.publish_tf else None
         self._publisher = rospy.Publisher("wheel/odometry", Odometry, queue_size=QUEUE_SIZE, tcp_nodelay=True)
         offer_trigger("~reset", self._reset)
@@ -107,16 +105,7 @@ class WheelServer:
     def _begin_sample(self, stamp_ns: int) -> int:
         """Count a sample, and restart if a bag is played again; returns its time on the inner clock."""
         self._samples.heard()
-        if self._clock.take(stamp_ns) is StampKind.BACK:
-            went_back = f"time went backwards by {self._clock.behind_s(stamp_ns):.3f} s"
-            if self._begins_again:
-                rospy.logwarn(f"{went_back}: restarting")
-                self._odometry.reset()
-                self._clock.reset()
-                self._clock.take(stamp_ns)
-            else:
-                rospy.logwarn(f"{went_back}: the clock was set back, the pose does not change")
-                self._clock.set_back(stamp_ns)
+        self._clock.follow(stamp_ns, self._odometry.reset)
         return self._clock.inner_ns(stamp_ns)
 
     def _take_in(self, step: Optional[WheelStep]) -> None:

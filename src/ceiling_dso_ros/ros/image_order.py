@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which images fusion_node may use: those of the present run, in order, at the wheels' time."""
+
+import time
+from typing import Callable, Optional
+
+from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS
+
+CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
+
+
+class ImageOrder:
+    """Judges stamps of images, which are on the wheels' clock, nanoseconds."""
+
+    def __init__(self, is_simulated: bool, monotonic_s: Callable[[], float] = time.monotonic) -> None:
+        """Begin a run; is_simulated: the clock is never set, but a bag may be played again."""
+        self._is_simulated = is_simulated
+        self._monotonic_s = monotonic_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a new run."""
+        self._wheels_heard_s = 0.0
+        self._last_ns: Optional[int] = None
+        self._may_be_old = True
+
+    def heard_wheels(self) -> None:
+        """A wheel sample has arrived."""
+        self._wheels_heard_s = self._monotonic_s()
+
+    def is_usable(self, stamp_ns: int, wheels_ns: Optional[int], complain: Callable[[str], None]) -> bool:
+        """Whether to use an image.
+
+        Args:
+            stamp_ns: of the image.
+            wheels_ns: of the newest wheel sample; None before the first.
+            complain: takes what is wrong with an image of this run.
+        """
+        if wheels_ns is None or (self._may_be_old and stamp_ns > wheels_ns + CAMERA_AHEAD_NS):
+            return False
+        self._may_be_old = False
+        # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.
+        silence_s = self._monotonic_s() - self._wheels_heard_s
+        if not self._is_simulated and stamp_ns > wheels_ns + BACKWARDS_NS and silence_s < seconds(BACKWARDS_NS):
+            complain("an image that is far ahead of the wheels")
+            return False
+        # Where the clock has been set back, images may come before the wheels tell by how much.
+        if self._last_ns is not None and stamp_ns <= self._last_ns <= wheels_ns + CAMERA_AHEAD_NS:
+            complain("an image that is not later than the last one")
+            return False
+        self._last_ns = stamp_ns
+        return True

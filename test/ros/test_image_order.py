@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which images the fusion may use, by their stamps on the wheels' clock."""
+
+import pytest
+
+pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
+pytestmark = pytest.mark.ros
+
+from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS  # noqa: E402
+from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder  # noqa: E402
+
+NOW_NS = 1_732_800_000_123_456_789
+FRAME_NS = 33_333_333
+
+
+class Stream:
+    """Images after wheel samples that were heard some time ago."""
+
+    def __init__(self, is_simulated=False, silence_s=0.01):
+        self.complaints, self.now_s = [], 100.0
+        self.order = ImageOrder(is_simulated, lambda: self.now_s)
+        self.order.heard_wheels()
+        self.now_s += silence_s
+
+    def image(self, stamp_ns, wheels_ns=NOW_NS):
+        return self.order.is_usable(stamp_ns, wheels_ns, self.complaints.append)
+
+
+def test_images_in_order_are_used():
+    stream = Stream()
+    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(5))
+    assert stream.complaints == []
+
+
+def test_images_before_the_wheels_and_of_the_run_before_are_left_out_in_silence():
+    stream = Stream(is_simulated=True)
+    assert not stream.image(NOW_NS, wheels_ns=None)
+    assert not stream.image(NOW_NS + CAMERA_AHEAD_NS + 1)
+    assert stream.image(NOW_NS)
+    assert stream.image(NOW_NS + CAMERA_AHEAD_NS + 1)  # a camera that is known may run ahead
+    assert stream.complaints == []
+
+
+def test_an_image_far_ahead_is_refused_while_wheels_are_heard_on_a_clock_that_may_be_set():
+    far_ns = NOW_NS + BACKWARDS_NS + 1
+    assert not Stream().image(far_ns)
+    assert Stream(silence_s=1.0).image(far_ns)  # the wheels are silent: the camera goes on alone
+    assert Stream(is_simulated=True).image(far_ns)
+
+
+@pytest.mark.parametrize("back_ns", [0, 1, FRAME_NS])
+def test_an_image_that_is_not_later_is_refused_and_named(back_ns):
+    stream = Stream()
+    assert stream.image(NOW_NS)
+    assert not stream.image(NOW_NS - back_ns)
+    assert "not later" in stream.complaints[0]
+
+
+def test_a_new_run_begins_with_any_image():
+    stream = Stream()
+    stream.image(NOW_NS)
+    stream.order.reset()
+    assert stream.image(NOW_NS - 10 * FRAME_NS)
