@@ -313,7 +313,7 @@ def test_prediction_is_the_motion_of_the_camera_in_its_own_unit(loops):
             estimator.add_wheel_ticks(stamp_ns, *data)
             continue
         if before is not None and data.state is TrackingState.TRACKING and estimator.scale.converged:
-            motion = estimator.predict_camera_motion(before.stamp_ns, data.stamp_ns)
+            motion = estimator.predict_camera_motion(before, data.stamp_ns)
             if before.keyframe_id == data.keyframe_id:
                 seen = np.linalg.inv(before.T_keyframe_camera) @ data.T_keyframe_camera
                 error = seen[:3, 3] - motion.T_start_end[:3, 3]
@@ -328,7 +328,18 @@ def test_prediction_is_the_motion_of_the_camera_in_its_own_unit(loops):
 
 
 def test_prediction_needs_wheels_and_a_keyframe(loops):
-    assert FusionEstimator(loops.robot).predict_camera_motion(0.0, 0.1) is None
+    image = next(status for status in loops.statuses if status.state is TrackingState.TRACKING)
+    assert FusionEstimator(loops.robot).predict_camera_motion(image, image.stamp_ns + 100_000_000) is None
+
+
+def test_no_prediction_in_a_unit_that_is_not_known(loops, fused):
+    """The first images of a new segment are tracked before the fusion has a scale for it."""
+    last = next(status for status in reversed(loops.statuses) if status.state is TrackingState.TRACKING)
+    later_ns = last.stamp_ns + 30_000_000
+    assert fused.estimator.predict_camera_motion(last, later_ns) is not None
+    assert fused.estimator.predict_camera_motion(dataclasses.replace(last, segment=last.segment + 1), later_ns) is None
+    assert fused.estimator.predict_camera_motion(dataclasses.replace(last, state=TrackingState.LOST), later_ns) is None
+    assert fused.estimator.predict_camera_motion(last, last.stamp_ns) is None
 
 
 def test_a_lost_image_before_anything_else_is_no_harm(loops):

@@ -91,8 +91,8 @@ def test_300_of_300_predictions_are_used_at_todays_epoch():
     for k in range(400):
         while wheel_ns <= drive.image_ns(k):  # what fusion_node does with a sample
             estimator.add_wheel_odometry(wheel_ns, pose)
-            motion = estimator.predict_camera_motion(newest.stamp_ns, wheel_ns) if newest is not None else None
-            if motion is not None and wheel_ns > newest.stamp_ns:
+            motion = None if newest is None else estimator.predict_camera_motion(newest, wheel_ns)
+            if motion is not None:
                 header = Header(stamp=ros_time(wheel_ns), frame_id="vo")
                 predictions.add(sent(prediction_message(header, newest.stamp_ns, motion, newest.segment)))
             wheel_ns, pose = next(wheels)

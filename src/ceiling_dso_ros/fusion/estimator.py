@@ -127,12 +127,17 @@ class FusionEstimator:
         """The slips reported so far."""
         return self._backend.monitor.reports
 
-    def predict_camera_motion(self, start_ns: int, end_ns: int) -> Optional[CameraMotion]:
-        """Motion of the camera between two image stamps by the wheels; None before the first sample and keyframe."""
+    def predict_camera_motion(self, last: OdometryStatus, end_ns: int) -> Optional[CameraMotion]:
+        """Motion of the camera by the wheels, from the last image up to a later stamp of its clock, nanoseconds.
+
+        None if the last image has no pose, or there is no scale for its segment yet.
+        """
         estimate = self._backend.estimate
-        if estimate is None or self._track.empty:
+        if estimate is None or self._track.empty or end_ns <= last.stamp_ns:
             return None
-        span_ns = self._on_wheel_clock(start_ns), self._on_wheel_clock(end_ns)
+        if last.state is not TrackingState.TRACKING or last.segment != self.scale.segment:
+            return None
+        span_ns = self._on_wheel_clock(last.stamp_ns), self._on_wheel_clock(end_ns)
         return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, *span_ns)
 
     def finish(self) -> None:

@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from ceiling_dso_ros.dso import CameraMotion, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import CameraMotion, OdometryStatus
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState
@@ -73,9 +73,7 @@ class FusionPlayback:
         None if there is no scale for the last image's segment.
         """
         self._play_wheels(stamp_ns)
-        if last.state is not TrackingState.TRACKING or self.estimator.scale.segment != last.segment:
-            return None
-        return self.estimator.predict_camera_motion(last.stamp_ns, stamp_ns)
+        return self.estimator.predict_camera_motion(last, stamp_ns)
 
     def finish(self) -> None:
         """Add the wheel samples after the last image, and use all data that waited for them."""

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 
 from ceiling_dso_ros.cfg import FusionConfig as FusionReconfigureConfig
 from ceiling_dso_ros.cfg import FusionOutputConfig
-from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import OdometryStatus
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
@@ -247,15 +247,12 @@ class FusionServer:
 
     def _predict(self) -> None:
         newest, now_ns = self._newest_image, self._clock.last_ns
-        if newest is None or now_ns is None:
-            return
-        if newest.state is not TrackingState.TRACKING or not self._publisher.prediction_wanted:
+        if newest is None or now_ns is None or not self._publisher.prediction_wanted:
             return
         end_ns = now_ns - self._camera_offset_ns
-        if end_ns > newest.stamp_ns:
-            motion = self._estimator.predict_camera_motion(newest.stamp_ns, end_ns)
-            span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)
-            self._publisher.publish_prediction(motion, *span_ns, newest.segment)
+        motion = self._estimator.predict_camera_motion(newest, end_ns)
+        span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)
+        self._publisher.publish_prediction(motion, *span_ns, newest.segment)
 
     def _reconfigure_output(self, settings: FusionOutputConfig, _level: int) -> FusionOutputConfig:
         output = OutputConfig(**{field.name: settings[field.name] for field in fields(OutputConfig)})
