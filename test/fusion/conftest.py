@@ -31,3 +31,13 @@ def fuse():
 def robot_truth(truth):
     """1 % of ratio and base, noisy encoders, exact mean radius, a poor camera."""
     return truth(ratio=0.01, base=0.01, wheel_noise=0.002, shift_sigma=2.2e-4, turn_sigma=3.5e-4)
+
+
+@pytest.fixture(scope="module")
+def loops(simulate, truth):
+    return simulate("loops", 25.0, 3, truth(ratio=0.01, base=0.01))
+
+
+@pytest.fixture(scope="module")
+def fused(loops, fuse):
+    return fuse(loops)

@@ -53,6 +53,14 @@ class Fused:
         _, key, scale = [entry for entry in self.scales if entry[0] <= until][-1]
         return scale.value / self.drive.metres_per_unit[key] - 1.0
 
+    def largest_jump(self):
+        """Largest difference between published and true motion from one output to the next, metres."""
+        true = self.truth(self.stamps)
+        return max(
+            np.hypot(*(planar.between(a, b) - planar.between(c, d))[:2])
+            for a, b, c, d in zip(self.poses, self.poses[1:], true, true[1:])
+        )
+
     def reasons(self, start_s, end_s):
         """All reasons given between two times from the start."""
         return {r for t, s in zip(self.times_s, self.states) if start_s <= t <= end_s for r in s.reasons}

@@ -10,16 +10,16 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import xmlrpc.client
 from pathlib import Path
 
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-PATIENCE_S = 180.0
 
 sys.path.insert(0, str(Path(__file__).parent))
+
+from waiting import PATIENCE_S, wait_until  # noqa: E402
 
 
 @pytest.fixture(scope="session")
@@ -61,33 +61,14 @@ def environment(tmp_path):
 
 
 @pytest.fixture
-def wait_until():
-    """Polls a condition, which may ask a node that does not answer yet, as long as a process runs."""
-
-    def wait(condition, process):
-        deadline = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                if condition():
-                    return
-            except OSError:
-                pass
-            assert process.poll() is None, "it has ended"
-            assert time.monotonic() < deadline, "it takes too long"
-            time.sleep(0.2)
-
-    return wait
-
-
-@pytest.fixture
-def master(environment, in_space, wait_until):
+def master(environment, in_space):
     """Its API; it ends with the test."""
     uri = environment["ROS_MASTER_URI"]
     command = in_space("devel", ["roscore", "-p", uri.rpartition(":")[2]])
     core = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
     proxy = xmlrpc.client.ServerProxy(uri)
     try:
-        wait_until(lambda: proxy.getPid("/test")[0] == 1, core)
+        wait_until(lambda: proxy.getPid("/test")[0] == 1, process=core)
         yield proxy
     finally:
         core.send_signal(signal.SIGINT)

@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 import rospy
 import rostest
-from dso_node_player import Player, compressed_message, wait_until
+from dso_node_player import Player, compressed_message
 from dynamic_reconfigure.client import Client
 from sensor_msgs.msg import CompressedImage
 from std_srvs.srv import Trigger
+from waiting import wait_until
 
 from ceiling_dso_ros.dso import DirectOdometry, PinholeCamera, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed

@@ -17,13 +17,14 @@ import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
 from dynamic_reconfigure.client import Client
 from fake_camera import CAMERA, FakeCamera
-from fake_robot import Listener, end_node, wait_until
+from fake_robot import Listener, end_node
 from geometry_msgs.msg import PoseStamped
 from message_filters import Subscriber, TimeSynchronizer
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
+from waiting import wait_until
 
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.msg import Keyframes, VisualOdometryStatus

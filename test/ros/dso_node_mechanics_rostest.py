@@ -9,7 +9,8 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from dso_node_player import Player, image_message, wait_until
+from dso_node_player import Player, image_message
+from waiting import wait_until
 
 from ceiling_dso_ros.msg import VisualOdometryStatus
 

@@ -2,12 +2,12 @@
 """Plays images to a running dso_node and collects what it publishes; for the rostests."""
 
 import threading
-import time
 
 import rospy
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
+from waiting import wait_until
 
 from ceiling_dso_ros.msg import Exposure, Keyframes, VisualOdometryStatus
 
@@ -77,12 +77,3 @@ class Player:
         with self._arrived:
             self.statuses.append(status)
             self._arrived.notify_all()
-
-
-def wait_until(condition, complaint):
-    """Poll a condition."""
-    deadline = time.monotonic() + TIMEOUT_S
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(complaint)
-        time.sleep(0.05)

@@ -16,6 +16,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
+from waiting import wait_until
 
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 from ceiling_dso_ros.fusion import planar
@@ -222,12 +223,3 @@ def parents(frame, seconds=1.0):
     time.sleep(seconds)
     subscriber.unregister()
     return found
-
-
-def wait_until(condition, complaint, timeout_s=TIMEOUT_S):
-    """Poll a condition."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(complaint() if callable(complaint) else complaint)
-        time.sleep(0.02)

@@ -79,7 +79,7 @@ def test_keyframes_message_keeps_stamps_and_poses():
     stamp_ns = 1_700_000_001_030_042_123
     keyframe = KeyframeEstimate(4, stamp_ns, 1, transform(0.1, [1.0, 2.0, 3.0]), (0.5, -2.0), True)
     (message,) = conversions.keyframes_message(Header(), (keyframe,)).keyframes
-    assert message.stamp.to_nsec() == conversions.stamp_ns_of(message.stamp) == stamp_ns
+    assert message.stamp.to_nsec() == conversions.message.stamp.to_nsec() == stamp_ns
     assert (message.id, message.segment, message.leaves) == (4, 1, True)
     assert (message.affine_a, message.affine_b, message.pose.position.x) == (0.5, -2.0, 1.0)
 

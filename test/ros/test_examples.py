@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from waiting import wait_until
 
 pytest.importorskip("ceiling_dso_ros.cfg", reason="needs ROS and the built workspace")
 
@@ -45,7 +46,7 @@ def make_package(folder, name):
 
 
 @pytest.fixture
-def run_example(in_space, environment, master, wait_until, tmp_path):
+def run_example(in_space, environment, master, tmp_path):
     """Starts an example; returns what the stand-in has found and {topic: publishers}."""
 
     def run(name, *arguments):
@@ -60,7 +61,7 @@ def run_example(in_space, environment, master, wait_until, tmp_path):
             env=environment, stdout=log, stderr=log, start_new_session=True,
         )  # fmt: skip
         try:
-            wait_until(found.is_file, process)
+            wait_until(found.is_file, process=process)
             _, _, (publishers, _, _) = master.getSystemState("/test")
         finally:
             process.send_signal(signal.SIGINT)

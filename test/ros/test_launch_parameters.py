@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from waiting import wait_until
 
 pytest.importorskip("ceiling_dso_ros.cfg", reason="needs ROS and the built workspace")
 
@@ -59,7 +60,7 @@ def space(request, in_space):
     return request.param
 
 
-def test_parameters_of_a_launch_file(space, in_space, environment, master, wait_until, tmp_path):
+def test_parameters_of_a_launch_file(space, in_space, environment, master, tmp_path):
     folder = tmp_path / "a folder"
     folder.mkdir()
     (folder / "own.launch").write_text(LAUNCH)
@@ -71,8 +72,8 @@ def test_parameters_of_a_launch_file(space, in_space, environment, master, wait_
     process = subprocess.Popen(launch, env=environment, stdout=log, stderr=log, start_new_session=True)
     try:
         # Not until the nodes are ready: in a new install space dso_node has its kernels to compile.
-        wait_until(lambda: all(shown(master, node) >= names for node, names in NAMES.items()), process)
-        wait_until(lambda: master.lookupService("/test", "/fusion_node/save_trajectory")[0] == 1, process)
+        wait_until(lambda: all(shown(master, node) >= names for node, names in NAMES.items()), process=process)
+        wait_until(lambda: master.lookupService("/test", "/fusion_node/save_trajectory")[0] == 1, process=process)
         dump = subprocess.run(
             in_space(space, ["rosparam", "dump"]), env=environment, capture_output=True, text=True, timeout=PATIENCE_S
         )

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from waiting import PATIENCE_S, wait_until
 
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.simulation.bag import write_measurements
@@ -31,7 +32,6 @@ pytestmark = [
 ]
 
 LISTENER = Path(__file__).with_name("bag_listener.py")
-PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -61,24 +61,12 @@ def ros(tmp_path_factory):
     core = subprocess.Popen(["roscore", "-p", str(port)], env=environment, stdout=subprocess.DEVNULL)
     master = xmlrpc.client.ServerProxy(uri)
     try:
-        wait_until(lambda: master.getPid("/test")[0] == 1)
+        wait_until(lambda: master.getPid("/test")[0] == 1, process=core)
         master.setParam("/test", "/use_sim_time", True)
         yield environment
     finally:
         core.send_signal(signal.SIGINT)
         core.wait(PATIENCE_S)
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            if condition():
-                return
-        except OSError:
-            pass
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
-from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
 from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
 
 UNKNOWN_VARIANCE = 9999.0  # by convention: the value is unknown
@@ -73,13 +72,8 @@ def matrix_from_transform(transform: Transform) -> np.ndarray:
 
 
 def ros_time(stamp_ns: int) -> Time:
-    """The ROS time of a stamp, to the nanosecond."""
-    return Time(*parts_of_stamp(stamp_ns))
-
-
-def stamp_ns_of(time: Time) -> int:
-    """Nanoseconds of a ROS time, the inverse of `ros_time`."""
-    return stamp_from_parts(time.secs, time.nsecs)
+    """The ROS time of a stamp, to the nanosecond; its `to_nsec` gives the stamp back."""
+    return Time(0, stamp_ns)
 
 
 def pose_covariance(covariance: np.ndarray, T_world_camera: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.calibration_input import CalibrationInput
-from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, stamp_ns_of, status_message
+from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.data_clock import StampKind
 from ceiling_dso_ros.ros.exposures import ExposureLookup
 from ceiling_dso_ros.ros.kernels import load_kernels
@@ -161,7 +161,7 @@ class DsoServer:
 
     def _on_exposure(self, message: Exposure) -> None:
         if math.isfinite(message.exposure_ms):
-            self._exposures.add(stamp_ns_of(message.header.stamp), message.exposure_ms)
+            self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms)
 
     # Work
 
@@ -198,7 +198,7 @@ class DsoServer:
             waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
-        image, stamp_ns = image_array(message), stamp_ns_of(message.header.stamp)
+        image, stamp_ns = image_array(message), message.header.stamp.to_nsec()
         self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0

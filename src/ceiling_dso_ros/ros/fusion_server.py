@@ -24,7 +24,7 @@ from ceiling_dso_ros.playback.fused_record import FusedRecord
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
-from ceiling_dso_ros.ros.conversions import ros_time, stamp_ns_of
+from ceiling_dso_ros.ros.conversions import ros_time
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
 from ceiling_dso_ros.ros.metric_map import MetricMap
@@ -139,7 +139,7 @@ class FusionServer:
         with self._lock:
             self._wheels.heard()
             self._order.heard_wheels()
-            stamp_ns = stamp_ns_of(message.header.stamp)
+            stamp_ns = message.header.stamp.to_nsec()
             try:
                 pose = planar_pose(message.pose.pose)
             except ValueError as error:

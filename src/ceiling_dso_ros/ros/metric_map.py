@@ -14,7 +14,7 @@ from ceiling_dso_ros.dso import KeyframeEstimate
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.state import FusedState
-from ceiling_dso_ros.ros.conversions import pose_from_matrix, stamp_ns_of
+from ceiling_dso_ros.ros.conversions import pose_from_matrix
 
 LONGEST_GAP_NS = 10**9  # between a window and points that are placed with it
 REMEMBERED_POSES = 500  # longer than an image takes through the visual odometry
@@ -59,7 +59,7 @@ class MetricMap:
         _, pose, scale = min(self._poses, key=lambda known: abs(known[0] - at_ns))
         S = np.diag([scale, scale, scale, 1.0])
         M = planar.lift(pose) @ T_base_camera @ S @ se3.inverse(newest.T_world_camera)  # VO world -> odom
-        self._placed = (stamp_ns_of(stamp), M)
+        self._placed = (stamp.to_nsec(), M)
         if self._keyframes.get_num_connections() > 0:
             header = Header(stamp=stamp, frame_id=self._odom_frame)
             self._keyframes.publish(PoseArray(header, [_pose(M @ k.T_world_camera, scale) for k in keyframes]))
@@ -77,7 +77,7 @@ class MetricMap:
 
     def _on_points(self, message: PointCloud2) -> None:
         placed = self._placed
-        if placed is None or abs(placed[0] - stamp_ns_of(message.header.stamp)) > LONGEST_GAP_NS:
+        if placed is None or abs(placed[0] - message.header.stamp.to_nsec()) > LONGEST_GAP_NS:
             return
         table = np.frombuffer(message.data, np.float32).reshape(-1, 4).copy()
         table[:, :3] = table[:, :3] @ placed[1][:3, :3].T + placed[1][:3, 3]

@@ -8,7 +8,7 @@ import numpy as np
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.msg import MotionPrediction
-from ceiling_dso_ros.ros.conversions import matrix_from_pose, stamp_ns_of
+from ceiling_dso_ros.ros.conversions import matrix_from_pose
 
 LONGEST_STRETCH = 3.0  # a prediction may be extended to this multiple of its duration
 
@@ -31,7 +31,7 @@ class MotionPredictions:
     def between(self, start_ns: int, end_ns: int, segment: int) -> Optional[CameraMotion]:
         """Predicted motion of the camera between two image stamps, in a segment's unit; None without a prediction."""
         message, motion = self._newest, None
-        if message is not None and stamp_ns_of(message.start) == start_ns and message.segment == segment:
+        if message is not None and message.start.to_nsec() == start_ns and message.segment == segment:
             motion = stretched(message, end_ns)
         self.asked += 1
         self.used += motion is not None
@@ -43,8 +43,8 @@ def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
 
     Its standard deviation grows in proportion. None if the values are not valid or the end is too far away.
     """
-    start_ns = stamp_ns_of(message.start)
-    predicted_ns, wanted_ns = stamp_ns_of(message.header.stamp) - start_ns, end_ns - start_ns
+    start_ns = message.start.to_nsec()
+    predicted_ns, wanted_ns = message.header.stamp.to_nsec() - start_ns, end_ns - start_ns
     if predicted_ns <= 0 or not 0 < wanted_ns <= LONGEST_STRETCH * predicted_ns:
         return None
     try:

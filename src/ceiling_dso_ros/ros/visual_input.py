@@ -5,7 +5,7 @@ from typing import List, Optional
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
-from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose, stamp_ns_of
+from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose
 from ceiling_dso_ros.ros.data_clock import DataClock
 
 STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
@@ -24,7 +24,7 @@ def status_from_message(message: VisualOdometryStatus, clock: DataClock) -> Opti
     if tracked != bool(message.pose):
         return None
     return OdometryStatus(
-        stamp_ns=clock.inner_ns(stamp_ns_of(message.header.stamp)),
+        stamp_ns=clock.inner_ns(message.header.stamp.to_nsec()),
         state=state,
         segment=message.segment,
         is_keyframe=message.is_keyframe,
@@ -43,7 +43,7 @@ def window_from_message(message: Keyframes, clock: DataClock) -> OdometryStatus:
         ValueError: a pose is not valid.
     """
     keyframes = _keyframes(message.keyframes, clock)
-    stamp_ns = clock.inner_ns(stamp_ns_of(message.header.stamp))
+    stamp_ns = clock.inner_ns(message.header.stamp.to_nsec())
     segment = keyframes[-1].segment if keyframes else 0
     return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, segment, keyframes=keyframes)
 
@@ -55,7 +55,7 @@ def _keyframes(messages: List[Keyframe], clock: DataClock) -> tuple:
 def _keyframe(message: Keyframe, clock: DataClock) -> KeyframeEstimate:
     return KeyframeEstimate(
         keyframe_id=message.id,
-        stamp_ns=clock.inner_ns(stamp_ns_of(message.stamp)),
+        stamp_ns=clock.inner_ns(message.stamp.to_nsec()),
         segment=message.segment,
         T_world_camera=matrix_from_pose(message.pose),
         affine=(message.affine_a, message.affine_b),

@@ -16,7 +16,7 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.io.wheel_joints import WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
-from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time, stamp_ns_of
+from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
 from ceiling_dso_ros.ros.node_parameters import WheelParameters
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
@@ -84,7 +84,7 @@ class WheelServer:
 
     def _on_joint_states(self, message: JointState) -> None:
         angles_rad = self._joints.angles_rad(message.name, message.position)
-        stamp_ns = stamp_ns_of(message.header.stamp)
+        stamp_ns = message.header.stamp.to_nsec()
         with self._lock:
             if stamp_ns == 0:
                 self._samples.complain("a message without a stamp")
@@ -95,7 +95,7 @@ class WheelServer:
 
     def _on_ticks(self, side: str, message: Int32) -> None:
         with self._lock:
-            counters = self._pairs.add(side, stamp_ns_of(rospy.Time.now()), message.data)
+            counters = self._pairs.add(side, rospy.Time.now().to_nsec(), message.data)
             if counters is not None and counters.stamp_ns == 0:
                 self._samples.complain("ticks before the clock has started")
             elif counters is not None:

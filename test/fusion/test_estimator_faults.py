@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sensors that are missing, wrong or late: what the fusion reports, and what it makes of the others."""
+
+# SPDX-License-Identifier: BSD-3-Clause
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
+from ceiling_dso_ros.fusion.estimator import FusionEstimator
+from ceiling_dso_ros.fusion.state import FusionState
+
+
+def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, truth, fuse):
+    drive = simulate("loops", 20.0, 1, truth())
+    begin = drive.stamps[0]
+    silent = [sample for sample in drive.ticks if not 10.0 < seconds(sample[0] - begin) < 13.0]
+    estimator, outputs = FusionEstimator(drive.robot), []
+    for stamp_ns, is_camera, data in dataclasses.replace(drive, ticks=silent).events():
+        if is_camera:
+            outputs += [estimator.add_keyframes(data), estimator.add_frame(data)]
+        else:
+            outputs.append(estimator.add_wheel_ticks(stamp_ns, *data))
+    outputs = [state for state in outputs if state is not None]
+    blind = [state for state in outputs if 11.0 < seconds(state.stamp_ns - begin) < 12.9]
+    assert len(blind) > 40
+    for state in blind:
+        assert state.state is FusionState.DEGRADED
+        assert any(reason.startswith("wheels: silent") for reason in state.reasons)
+        assert np.hypot(*(state.pose - drive.pose_at(state.stamp_ns))[:2]) < 0.1
+    assert outputs[-1].state is FusionState.CONVERGED
+    assert np.hypot(*(outputs[-1].pose - drive.pose_at(outputs[-1].stamp_ns))[:2]) < 0.1
+    assert (np.diff([state.stamp_ns for state in outputs]) > 0).all()
+
+
+def test_a_silent_camera_is_reported(loops, fuse):
+    begin = loops.stamps[0]
+    quiet = dataclasses.replace(
+        loops, statuses=[s for s in loops.statuses if not 10.0 < seconds(s.stamp_ns - begin) < 13.0]
+    )
+    fused = fuse(quiet)
+    assert any(reason.startswith("camera: silent") for reason in fused.reasons(11.5, 12.9))
+    assert fused.reasons(14.5, 25.0) == set()
+
+
+def test_a_covered_lens_is_reported_and_the_wheels_go_on(simulate, truth, fuse):
+    clear = truth(ratio=0.01, base=0.01)
+    fused = fuse(simulate("loops", 30.0, 5, dataclasses.replace(clear, losses=((12.0, 17.0),))))
+    assert fused.reasons(12.2, 16.9) == {"camera: lost (covered)"}
+    assert "scale: of segment 1 not known yet" in fused.reasons(17.0, 19.0)
+    assert fused.reasons(21.0, 30.0) == set()
+    assert fused.largest_jump() < 0.02
+    drift = np.hypot(*drift_of_wheels(fused, 12.0, 17.0)[:2])
+    assert np.hypot(*(fused.poses[-1] - fused.truth(fused.stamps[-1:])[0])[:2]) < drift + 0.02 + yaw_lever(fused, 17.0)
+
+
+@pytest.mark.parametrize("blind_s", [5.0, 14.0])  # the latter longer than single steps are remembered
+def test_what_the_wheels_did_of_late_bridges_a_covered_lens(simulate, truth, fuse, blind_s):
+    """Their wrong constants turn the wheels by 0.02 rad a metre; as seen beside the camera before, by far less."""
+    end_s = 15.0 + blind_s
+    true = truth(ratio=0.01, base=0.01, wheel_noise=5e-4, losses=((15.0, end_s),))
+    fused = fuse(simulate("loops", end_s + 4.0, 5, true))
+    blind = slice(*np.searchsorted(fused.times_s, [15.0, end_s]))
+    yaws = np.unwrap(fused.truth(fused.stamps[blind])[:, 2])
+    wheels, published = (np.unwrap(poses[blind, 2]) - yaws for poses in (fused.wheel_poses, fused.poses))
+    assert abs(published[-1] - published[0]) < 0.6 * abs(wheels[-1] - wheels[0])
+    assert fused.largest_jump() < 0.01  # the graph bridges as the live estimate did
+
+
+def drift_of_wheels(fused, start_s, end_s):
+    """Error of the wheels' motion over an interval."""
+    first, last = np.searchsorted(fused.times_s, [start_s, end_s])
+    true = fused.truth(fused.stamps[[first, last]])
+    return planar.between(planar.between(*true), planar.between(fused.wheel_poses[first], fused.wheel_poses[last]))
+
+
+def yaw_lever(fused, since_s):
+    """How far the yaw that the wheels lost while blind moves the end of the drive."""
+    true = fused.truth([fused.drive.stamps[0] + nanoseconds(since_s), fused.stamps[-1]])
+    return abs(drift_of_wheels(fused, 12.0, 17.0)[2]) * np.hypot(*(true[1] - true[0])[:2])
+
+
+def test_slip_is_reported_and_does_little_harm(simulate, truth, fuse):
+    slips = ((8.0, 8.5), (15.0, 15.5))
+    fused = fuse(simulate("loops", 22.0, 6, truth(slips=slips)))
+    begin = fused.drive.stamps[0]
+    within = [(seconds(r.start_ns - begin), seconds(r.end_ns - begin)) for r in fused.estimator.slips]
+    assert [(round(start_s), round(end_s)) for start_s, end_s in within] == [(8, 9), (15, 16)]
+    assert "wheels: slip" in fused.reasons(8.2, 8.9)
+    assert fused.reasons(10.0, 14.8) == set()
+    assert fused.largest_jump() < 0.1  # the wheels themselves jump until the first image contradicts them
+    assert fused.ate(fused.stamps, fused.poses) < 0.03 * fused.ate(fused.stamps, fused.wheel_poses)
+
+
+def test_a_jump_of_the_visual_scale_is_noticed_and_followed(simulate, truth, fuse):
+    fused = fuse(simulate("loops", 30.0, 7, truth(scale_jumps=((12.0, 1.15),))))
+    assert "scale: jumped" in fused.reasons(12.0, 15.0)
+    assert abs(fused.scale_error()) < 0.01
+    assert fused.estimator.slips == []
+    assert fused.ate(fused.stamps, fused.poses) < 0.05
+
+
+def test_a_motion_off_the_floor_is_not_used(loops, fuse, fused):
+    def lifted(status):
+        if not status.keyframes or status.keyframe_id != 50:
+            return status
+        keyframes = [dataclasses.replace(k, T_world_camera=k.T_world_camera.copy()) for k in status.keyframes]
+        keyframes[-1].T_world_camera[2, 3] += 0.1
+        return dataclasses.replace(status, keyframes=tuple(keyframes))
+
+    spoilt = fuse(dataclasses.replace(loops, statuses=[lifted(status) for status in loops.statuses]))
+    assert any("floor" in reason for state in spoilt.states for reason in state.reasons)
+    np.testing.assert_allclose(spoilt.poses[-1], fused.poses[-1], atol=0.02)
+
+
+def test_a_time_offset_of_the_camera_is_taken_into_account(simulate, truth, fuse):
+    late = simulate("loops", 25.0, 8, truth(camera_delay_s=0.05))
+    known = dataclasses.replace(late.robot, camera_time_offset_s=-0.05)
+    right = fuse(dataclasses.replace(late, robot=known))
+    wrong = fuse(late)
+    assert right.ate(right.stamps, right.poses) < 0.5 * wrong.ate(wrong.stamps, wrong.poses)
