@@ -75,11 +75,12 @@ def test_an_image_that_is_not_used_leaves_the_state_as_it_was_and_has_no_pose():
     assert (message.message, message.pose, message.keyframes) == ("torn", [], [])
 
 
-def test_keyframes_message_keeps_stamps_and_poses():
+def test_keyframes_keep_stamps_and_poses():
     stamp_ns = 1_700_000_001_030_042_123
     keyframe = KeyframeEstimate(4, stamp_ns, 1, transform(0.1, [1.0, 2.0, 3.0]), (0.5, -2.0), True)
-    (message,) = conversions.keyframes_message(Header(), (keyframe,)).keyframes
-    assert message.stamp.to_nsec() == conversions.message.stamp.to_nsec() == stamp_ns
+    status = OdometryStatus(stamp_ns, TrackingState.TRACKING, 1, keyframes=(keyframe,))
+    (message,) = conversions.status_message(Header(), status).keyframes
+    assert message.stamp.to_nsec() == stamp_ns
     assert (message.id, message.segment, message.leaves) == (4, 1, True)
     assert (message.affine_a, message.affine_b, message.pose.position.x) == (0.5, -2.0, 1.0)
 

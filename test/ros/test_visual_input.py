@@ -9,9 +9,8 @@ from geometry_msgs.msg import Pose  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState  # noqa: E402
-from ceiling_dso_ros.msg import RelativePose  # noqa: E402
+from ceiling_dso_ros.msg import Keyframes, RelativePose  # noqa: E402
 from ceiling_dso_ros.ros.conversions import (  # noqa: E402
-    keyframes_message,
     no_pose_message,
     ros_time,
     status_message,
@@ -48,7 +47,7 @@ def test_values_come_out_as_they_went_in():
 def test_the_window_alone():
     sent = status(3, with_keyframes=True)
     header = Header(stamp=ros_time(sent.stamp_ns), frame_id="vo")
-    got = window_from_message(keyframes_message(header, sent.keyframes), DataClock())
+    got = window_from_message(Keyframes(header, status_message(header, sent).keyframes), DataClock())
     assert (got.stamp_ns, got.state, got.segment) == (sent.stamp_ns, TrackingState.INITIALIZING, 2)
     assert [keyframe.keyframe_id for keyframe in got.keyframes] == [3]
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
-from typing import Tuple, Union
+from typing import Union
 
 import numpy as np
 from genpy import Time
@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
-from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
+from ceiling_dso_ros.msg import Keyframe, RelativePose, VisualOdometryStatus
 
 UNKNOWN_VARIANCE = 9999.0  # by convention: the value is unknown
 SMALLEST_VARIANCE = 1e-12  # consumers invert the covariance, so it is never singular
@@ -146,11 +146,6 @@ def no_pose_message(header: Header, last: VisualOdometryStatus, message: str) ->
         message=message,
         rmse=float("nan"),
     )
-
-
-def keyframes_message(header: Header, keyframes: Tuple[KeyframeEstimate, ...]) -> Keyframes:
-    """Keyframes of the window as refined with one image."""
-    return Keyframes(header=header, keyframes=[_keyframe(keyframe) for keyframe in keyframes])
 
 
 def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:

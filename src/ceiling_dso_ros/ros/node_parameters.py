@@ -60,7 +60,7 @@ class DsoParameters:
     vo_frame: str = "vo"  # world of the visual odometry; its unit of length is not the metre
     camera_frame: str = ""  # optical frame of the camera; that of the images by default
     silence: float = 0.5  # seconds without an image after which the diagnostics report it
-    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: 30 MB per hour at 30 images a second
+    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: about 40 MB per hour
     trajectory_dir: str = ""  # folder to which that is written when the node ends; not at all by default
     covariance_scale: float = DsoConfig.defaults["covariance_scale"]  # this and the rest: see cfg/Dso.cfg
     path_length: int = DsoConfig.defaults["path_length"]
@@ -116,7 +116,7 @@ class FusionParameters:
     # publishes the transform of base_frame itself
     tf_mode: str = "odom"
     silence: float = 0.5  # seconds without wheel odometry or images after which the diagnostics report it
-    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: about 10 MB per hour
+    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: about 50 MB per hour
     trajectory_dir: str = ""  # folder to which that is written when the node ends; not at all by default
     covariance_scale: float = FusionConfig.defaults["covariance_scale"]  # this and the rest: see cfg/Fusion.cfg
     path_length: int = FusionConfig.defaults["path_length"]

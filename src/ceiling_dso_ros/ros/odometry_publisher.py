@@ -12,7 +12,6 @@ from std_msgs.msg import Header
 from ceiling_dso_ros.dso import OdometryStatus
 from ceiling_dso_ros.msg import Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import (
-    keyframes_message,
     odometry_message,
     pose_covariance,
     pose_from_matrix,
@@ -45,15 +44,13 @@ class OdometryPublisher:
         self.path.clear()
 
     def publish(self, header: Header, camera_frame_id: str, status: OdometryStatus) -> None:
-        """Publish keyframes and poses of an image.
+        """Publish the pose of an image.
 
         Args:
             header: stamp of the image and the world frame.
             camera_frame_id: optical frame of the camera.
             status: result of the odometry for the image.
         """
-        if status.keyframes:
-            self._keyframes.publish(keyframes_message(header, status.keyframes))
         if status.T_world_camera is not None:
             self._last_pose = status.T_world_camera
             self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, self._covariance(status)))
@@ -63,7 +60,9 @@ class OdometryPublisher:
             self._odometry.publish(odometry_message(header, camera_frame_id, self._last_pose, unknown_covariance()))
 
     def publish_status(self, status: VisualOdometryStatus) -> None:
-        """Publish the status of an image."""
+        """Publish the status of an image, and its keyframes alone, too."""
+        if status.keyframes:
+            self._keyframes.publish(Keyframes(status.header, status.keyframes))
         self._status.publish(status)
 
     def _publish_pose(self, pose: PoseStamped, segment: int) -> None:
