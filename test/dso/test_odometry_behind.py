@@ -62,7 +62,8 @@ def test_the_last_window_of_a_lost_segment_is_told_though_the_mapping_was_behind
     for k, image in enumerate(images):
         if odometry.track(image, k * FRAME_NS).is_keyframe and k > 30:
             break
-    lost = odometry.track(np.zeros_like(images[0]), (k + 1) * FRAME_NS)
+    odometry.track(np.zeros_like(images[0]), (k + 1) * FRAME_NS)
+    lost = odometry.track(np.ones_like(images[0]), (k + 40) * FRAME_NS)
     assert (lost.state, lost.segment) == (TrackingState.LOST, 0)
     assert odometry.map is None
     assert lost.keyframes[-1].stamp_ns == k * FRAME_NS

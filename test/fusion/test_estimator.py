@@ -223,7 +223,7 @@ def test_a_lost_image_before_anything_else_is_no_harm(loops):
 
 
 def test_corrections_are_no_larger_than_configured(loops, fuse):
-    narrow = FusionConfig(output=OutputConfig(max_correction_m=0.001, max_correction_rad=0.001))
+    narrow = FusionConfig(output=OutputConfig(max_correction_m_s=0.05, max_correction_rad_s=0.05))
     fused = fuse(loops, narrow)
     assert fused.largest_jump() < 0.001 + 0.002  # and the wheels' own noise
 
@@ -253,7 +253,7 @@ def test_a_robot_that_stands_when_the_fusion_begins_is_seen_at_once(simulate, tr
 
 
 def test_another_output_on_the_way_changes_what_follows_and_not_what_is_known(loops, fused):
-    narrow = OutputConfig(blend_s=1.0, max_correction_m=0.0005, max_correction_rad=0.001)
+    narrow = OutputConfig(blend_s=1.0, max_correction_m_s=0.025, max_correction_rad_s=0.05)
     estimator, states, middle = FusionEstimator(loops.robot, keep_history=True), [], len(fused.states) // 2
     for stamp_ns, is_camera, data in loops.events():
         if is_camera:

@@ -115,11 +115,12 @@ class PredictedOdometry(FakeOdometry):
         return super().track(image, stamp_ns, exposure_ms)
 
 
-def test_the_wheels_predict_the_motion_since_the_last_image_when_asked_to():
+def test_the_wheels_predict_the_motion_since_the_last_pose_when_asked_to():
     odometry = PredictedOdometry()
-    Playback(VisualRun(lambda image: image, odometry), print, Wheels(), predict=True).play(frames(3))
-    assert odometry.predictions[0] is None
-    assert [prediction.T_start_end[0, 3] for prediction in odometry.predictions[1:]] == [1.0, 1.0]
+    Playback(VisualRun(lambda image: image, odometry), print, Wheels(), predict=True).play(frames(8))
+    assert odometry.predictions[:3] == [None] * 3
+    since_pose = [prediction.T_start_end[0, 3] for prediction in odometry.predictions[3:]]
+    assert since_pose == [1.0, 1.0, 1.0, 1.0, 2.0]  # the last but one has no pose
 
     unasked = PredictedOdometry()
     Playback(VisualRun(lambda image: image, unasked), print, Wheels()).play(frames(3))

@@ -47,9 +47,9 @@ def test_the_odometry_gets_preprocessed_images_and_their_very_stamps():
 @pytest.mark.parametrize("keep", [True, False])
 def test_the_trajectory_is_kept_when_asked_for(keep):
     run = VisualRun(lambda image: image, FakeOdometry(), keep_trajectory=keep)
-    assert run.last is None
+    assert run.last_tracked is None
     run.track(RAW, 1, None)
-    assert run.last.stamp_ns == 1
+    assert run.last_tracked.stamp_ns == 1
     assert {name: len(trajectory) for name, trajectory in run.trajectories.files().items()} == dict.fromkeys(
         ("camera", "camera_final", "keyframes"), int(keep)
     )
@@ -61,5 +61,5 @@ def test_a_restart_forgets_everything():
     run.track(RAW, 1, None)
     run.restart()
     assert odometry.resets == 1
-    assert run.last is None
+    assert run.last_tracked is None
     assert len(run.trajectories.files()["camera"]) == 0

@@ -93,12 +93,12 @@ class FusionOperation(DrivingRobot):
         client = Client("fusion_node/output")
         known = client.get_configuration()
         try:
-            client.update_configuration({"blend_s": 0.01, "max_correction_m": 0.1})
+            client.update_configuration({"blend_s": 0.01, "max_correction_m_s": 5.0})
             self.assertEqual(rospy.get_param("fusion_node/output/blend_s"), 0.01)
-            self.assertEqual(rospy.get_param("fusion_node/output/max_correction_rad"), known["max_correction_rad"])
+            self.assertEqual(rospy.get_param("fusion_node/output/max_correction_rad_s"), known["max_correction_rad_s"])
             poses = self.recent(1.0)
         finally:
-            client.update_configuration({name: known[name] for name in ("blend_s", "max_correction_m")})
+            client.update_configuration({name: known[name] for name in ("blend_s", "max_correction_m_s")})
         steps = [planar.between(xy_yaw(a), xy_yaw(b)) for a, b in zip(poses, poses[1:])]
         self.assertLess(np.abs(steps).max(), 0.03)
         self.assertEqual(self.listener.statuses[-1].resets, self.listener.statuses[0].resets)
@@ -106,9 +106,9 @@ class FusionOperation(DrivingRobot):
     def test_what_is_out_of_range_is_refused_and_nothing_changes(self):
         client = Client("fusion_node/output")
         with self.assertRaises(DynamicReconfigureCallbackException):
-            client.update_configuration({"blend_s": 100.0, "max_correction_m": 0.05})
+            client.update_configuration({"blend_s": 100.0, "max_correction_m_s": 0.05})
         self.assertEqual(rospy.get_param("fusion_node/output/blend_s"), 0.1)
-        self.assertEqual(rospy.get_param("fusion_node/output/max_correction_m"), 0.005)
+        self.assertEqual(rospy.get_param("fusion_node/output/max_correction_m_s"), 0.25)
 
     def test_misspelt_parameters_are_refused_in_one_line(self):
         for node, parameter, complaint in (

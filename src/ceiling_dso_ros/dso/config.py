@@ -85,12 +85,14 @@ class TrackingConfig:
     affine_a_information: float = 0.0  # information per point that pulls a towards the keyframe's
     affine_b_information: float = 0.0
     max_rmse_growth: float = 1.5  # relative to the best error; above it a hypothesis is rejected, below it accepted
-    min_texture: float = 2.0  # squared gradient over that of noise, along the worst motion; below it tracking is lost
+    min_texture: float = 2.0  # squared gradient over that of noise, along the worst motion; below it there is no pose
+    patience: float = 1.0  # seconds without a pose until the map is given up; so long every image is tried on it
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         require(self.cutoff > 0, f"tracking.cutoff={self.cutoff}: positive grey levels")
         require(self.min_texture >= 0, f"tracking.min_texture={self.min_texture}: not negative")
+        require(0 <= self.patience <= 60, f"tracking.patience={self.patience}: 0 to 60 seconds")
         require(self.max_rmse_growth > 1, f"tracking.max_rmse_growth={self.max_rmse_growth}: above 1")
 
 

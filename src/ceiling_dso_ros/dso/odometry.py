@@ -13,6 +13,7 @@ from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
+from ceiling_dso_ros.dso.images.exposure_scale import ExposureScale
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool, check_trackable
 from ceiling_dso_ros.dso.images.selection import PixelSelector
@@ -23,7 +24,7 @@ from ceiling_dso_ros.dso.mapping.mapping_queue import MAX_BACKLOG, MappingQueue
 from ceiling_dso_ros.dso.segment import Segment
 from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck
 from ceiling_dso_ros.dso.start.map_start import MapStart
-from ceiling_dso_ros.dso.status import OdometryStatus, TrackingLostError, TrackingState
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingLostError, TrackingState, UntrackedImageError
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker, TrackedFrame
 
 # In addition to the window's: the current frame, the first frame of a map, one that is about to leave, and the backlog.
@@ -34,7 +35,8 @@ class DirectOdometry:
     """Tracks a camera over a stream of images.
 
     Frames are first collected until there is parallax for a map, then each is tracked against the newest keyframe;
-    those that moved enough become keyframes themselves. When tracking fails, the next frame starts a new segment.
+    those that moved enough become keyframes themselves. A frame that cannot be tracked has no pose. When there is no
+    pose for too long, the next frame starts a new segment.
 
     With a LiveScheduler the mapping works beside the tracking. The status of an image then does not wait for its
     keyframe: it has the tracked pose, and the refined window comes with the status of a later image.
@@ -62,6 +64,7 @@ class DirectOdometry:
         self._pool = PyramidPool(self.camera, self.config.window.max_keyframes + 1 + EXTRA_IMAGES)
         self._selector = PixelSelector(self._pool)
         self._tracker = FrameTracker(self._pool, self.config.tracking)
+        self._exposures = ExposureScale()
         self._first_map_check = FirstMapCheck(self.config, self._tracker, self._selector)
         self._segment = self._new_segment(number=0, first_keyframe_id=0, T_world_camera=np.eye(4))
 
@@ -80,8 +83,8 @@ class DirectOdometry:
             image: (height, width) float32 or uint8, undistorted and photometrically corrected, grey levels 0..255.
             stamp_ns: nanoseconds, larger than the last one's.
             exposure_ms: exposure time, None or not positive when unknown.
-            prediction: motion from the last image to this one, predicted by other sensors; None if there is no
-                prediction.
+            prediction: motion from the last image with a pose to this one, predicted by other sensors; None if there
+                is no prediction.
         """
         segment, timer = self._segment, StageTimer()
         with timer.stage("pyramid"):
@@ -100,8 +103,21 @@ class DirectOdometry:
             segment.mapping.hand_over(frame, reference.keyframe_id, tracked.T_frame_reference, is_keyframe)
             segment.take_in_map(timer)
             return segment.status_with_pose(frame, current, tracked, is_keyframe, timer)
+        except UntrackedImageError as error:
+            return self._set_aside(frame, str(error), timer)
         except TrackingLostError as error:
             return self._lose(frame, str(error), timer)
+
+    def skip(self, stamp_ns: int, reason: str) -> OdometryStatus:
+        """Take note of an image that shows nothing of the motion: it has no pose, and nothing else changes.
+
+        Args:
+            stamp_ns: nanoseconds, larger than the last one's.
+            reason: what is wrong with the image, in words.
+        """
+        if self.map is None:
+            return self._segment.status_without_map(stamp_ns, reason, StageTimer())
+        return self._segment.status_without_pose(stamp_ns, TrackingState.RETRYING, reason, StageTimer())
 
     def _new_frame(self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float]) -> Frame:
         if image.shape != (self.camera.height, self.camera.width):
@@ -109,21 +125,20 @@ class DirectOdometry:
                 f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
                 f"the camera has {self.camera.width}x{self.camera.height}"
             )
-        exposure = exposure_ms if exposure_ms is not None and exposure_ms > 0 else 1.0
-        return Frame(stamp_ns, exposure, self._pool.build(image), np.eye(4), np.zeros(2))
+        return Frame(stamp_ns, self._exposures.of(exposure_ms), self._pool.build(image), np.eye(4), np.zeros(2))
 
     def _initialize(self, frame: Frame, timer: StageTimer) -> OdometryStatus:
         """Collect frames for a first map; there is no pose before the map is accepted."""
         segment = self._segment
         frames = segment.start.add(frame, se3.inverse(segment.T_world_camera))
         if frames is None:
-            return segment.status_without_map(frame, segment.start.message, timer)
+            return segment.status_without_map(frame.stamp_ns, segment.start.message, timer)
         first_map = segment.begin_map(frames, frame, timer)
         fault = self._first_map_check.fault(first_map, frames.first, frame)
         if fault is None:
             return segment.status_with_pose(frame, first_map, None, True, timer)
         segment.mapping.take_news()
-        status = segment.status_without_map(frame, f"the first map {fault}: starting again", timer)
+        status = segment.status_without_map(frame.stamp_ns, f"the first map {fault}: starting again", timer)
         self._segment = self._new_segment(segment.number, segment.mapping.next_keyframe_id, segment.T_world_camera)
         return status
 
@@ -131,7 +146,7 @@ class DirectOdometry:
         """Align a frame with the newest keyframe.
 
         Raises:
-            TrackingLostError: no pose explains the image, or noise would explain it as well.
+            UntrackedImageError: no pose explains the image, or noise would explain it as well.
         """
         history, reference = self._segment.history, current.reference
         hypotheses = history.hypotheses(reference, current.pose_of, frame.stamp_ns, prediction)
@@ -139,10 +154,17 @@ class DirectOdometry:
             frame.image_slot, frame.exposure, reference, hypotheses, history.affine, history.rmse
         )
         if tracked is None:
-            raise TrackingLostError("no motion explains this image")
+            raise UntrackedImageError("no motion explains this image")
         if tracked.weakest < self.config.tracking.min_texture:
-            raise TrackingLostError("too little texture: a motion of the camera cannot be told from noise")
+            raise UntrackedImageError("too little texture: a motion of the camera cannot be told from noise")
         return tracked
+
+    def _set_aside(self, frame: Frame, reason: str, timer: StageTimer) -> OdometryStatus:
+        """Leave out one frame, as after a flash; give up the segment only when there was no pose for too long."""
+        if not self._segment.history.miss(frame.stamp_ns, self.config.tracking.patience):
+            return self._lose(frame, reason, timer)
+        self._pool.release(frame.image_slot)
+        return self._segment.status_without_pose(frame.stamp_ns, TrackingState.RETRYING, reason, timer)
 
     def _lose(self, frame: Frame, reason: str, timer: StageTimer) -> OdometryStatus:
         """Give up the segment; the next image starts another one."""
@@ -150,7 +172,7 @@ class DirectOdometry:
         self._scheduler.wait()
         with suppress(TrackingLostError):
             segment.take_in_map(timer)
-        status = segment.status_without_pose(frame, TrackingState.LOST, reason, timer)
+        status = segment.status_without_pose(frame.stamp_ns, TrackingState.LOST, reason, timer)
         self._segment = self._new_segment(segment.number + 1, segment.mapping.next_keyframe_id, segment.T_world_camera)
         return status
 

@@ -105,16 +105,16 @@ class Segment:
             **self._common(timer),
         )
 
-    def status_without_map(self, frame: Frame, message: str, timer: StageTimer) -> OdometryStatus:
-        """Status of a frame while there is no map yet; the message says why."""
+    def status_without_map(self, stamp_ns: int, message: str, timer: StageTimer) -> OdometryStatus:
+        """Status of a frame, stamped in nanoseconds, while there is no map yet; the message says why."""
         state = TrackingState.INITIALIZING if self.number == 0 else TrackingState.RECOVERING
-        return self.status_without_pose(frame, state, message, timer)
+        return self.status_without_pose(stamp_ns, state, message, timer)
 
     def status_without_pose(
-        self, frame: Frame, state: TrackingState, message: str, timer: StageTimer
+        self, stamp_ns: int, state: TrackingState, message: str, timer: StageTimer
     ) -> OdometryStatus:
         """Status of a frame without a pose; the message says why."""
-        return OdometryStatus(frame.stamp_ns, state, self.number, message=message, **self._common(timer))
+        return OdometryStatus(stamp_ns, state, self.number, message=message, **self._common(timer))
 
     def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
         age = reference.keyframe_id - self.first_keyframe_id - (KEYFRAMES_OF_FIRST_MAP - 1)

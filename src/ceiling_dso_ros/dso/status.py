@@ -15,12 +15,17 @@ class TrackingState(enum.Enum):
 
     INITIALIZING = "initializing"  # collecting parallax for a first map: no pose yet
     TRACKING = "tracking"  # the pose is valid
-    LOST = "lost"  # this frame could not be tracked; the next one starts a new segment
+    RETRYING = "retrying"  # no pose for this frame, but the map is kept: the next one is tried on it again
+    LOST = "lost"  # the map is given up; the next frame starts a new segment
     RECOVERING = "recovering"  # collecting parallax for the first map of a new segment: no pose yet
 
 
 class TrackingLostError(Exception):
     """The segment ends with this image; the message says why. Only raised and caught within the odometry."""
+
+
+class UntrackedImageError(Exception):
+    """One image has no pose; the message says why. Only raised and caught within the odometry."""
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,7 @@ def warm_up() -> int:
         keyframes += odometry.track(textured_plane(camera, 0.012 * frame), frame).is_keyframe
         if keyframes == KEYFRAMES:
             break
+    odometry.track(np.full((camera.height, camera.width), 255.0, np.float32), MAX_FRAMES)  # as by a flash
     return keyframes
 
 

@@ -66,6 +66,10 @@ class KeyframeBackend:
         """Standard deviation of the newest segment's log-scale in the graph, inf before the first keyframe."""
         return math.inf if self.estimate is None else self.estimate.scale_sigma
 
+    def mount_camera(self, T_base_camera: np.ndarray) -> None:
+        """Set the (4, 4) pose of the camera in the base, before the first keyframe."""
+        self._T_base_camera = T_base_camera
+
     def refine(self, keyframes: Sequence[KeyframeEstimate]) -> List[KeyframeEstimate]:
         """Take in the window of the visual odometry, if it changed; returns the keyframes that are new in it."""
         if not keyframes:

@@ -145,15 +145,17 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class SlipConfig:
-    """When a difference between wheels and camera counts as slip or as a jump of the scale."""
+    """When a difference between wheels and camera counts as slip or as a jump of the scale, and for how long."""
 
     gate: float = 25.0  # squared normalised difference (chi-square, one degree of freedom): 5 sigma
     jump_steps: int = 6  # this many consecutive distances, wrong by the same factor, are a jump of the visual scale
     report_gap_s: float = 1.0  # slips closer than this are one report
+    longest_s: float = 2.0  # longest time that images without a new keyframe may contradict the wheels
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         require_ranges("slip", self, gate=(4.0, 1000.0), jump_steps=(3, 20), report_gap_s=(0.0, 60.0))
+        require_ranges("slip", self, longest_s=(0.1, 60.0))
 
 
 @dataclass(frozen=True)
@@ -161,9 +163,9 @@ class OutputConfig:
     """How corrections are applied to the published pose."""
 
     blend_s: float = 0.1  # time constant with which corrections are applied
-    max_correction_m: float = 0.005  # largest correction of one output
-    max_correction_rad: float = 0.01
-    acceleration_m_s2: float = 2.0  # of the robot, for the filter of the twist
+    max_correction_m_s: float = 0.25  # fastest correction
+    max_correction_rad_s: float = 0.5
+    acceleration_m_s2: float = 2.0  # the robot's largest, for the filter of the twist
     acceleration_rad_s2: float = 4.0
 
     def check(self) -> None:
@@ -172,8 +174,8 @@ class OutputConfig:
             "output",
             self,
             blend_s=(0.01, 10.0),
-            max_correction_m=(1e-4, 0.1),
-            max_correction_rad=(1e-4, 0.2),
+            max_correction_m_s=(0.005, 5.0),
+            max_correction_rad_s=(0.005, 10.0),
             acceleration_m_s2=(0.01, 100.0),
             acceleration_rad_s2=(0.01, 100.0),
         )
@@ -194,3 +196,8 @@ class FusionConfig:
         """Raise ConfigError when a value is out of range."""
         for part in (self.wheels, self.visual, self.scale, self.graph, self.slip, self.output):
             part.check()
+        require(
+            self.slip.jump_steps < self.graph.window,
+            f"slip.jump_steps={self.slip.jump_steps}: below graph.window ({self.graph.window}), which must still hold "
+            "the keyframe at which the scale jumped",
+        )

@@ -9,7 +9,7 @@ import bisect
 import itertools
 from collections import deque
 from dataclasses import replace
-from typing import Deque, List, Optional, Tuple, Union
+from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, Trackin
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds, seconds
+from ceiling_dso_ros.fusion.contradiction import Contradiction
+from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate, SmoothedNode
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
@@ -31,9 +32,18 @@ from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
-SLIP_PERSISTS_NS = nanoseconds(0.1)  # a slip ends this long after the last image that contradicted the wheels
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
+LONG_BASELINE_NS = nanoseconds(0.5)  # slow wheels that slip contradict images only over some time
+LONGEST_PREDICTION_S = 2.0  # the odometry gives up its map earlier, by default
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
+
+
+class _SeenMotion(NamedTuple):
+    """Motion between two images, stamped on the wheels' clock."""
+
+    start_ns: int
+    end_ns: int
+    visual: VisualMotion
 
 
 class FusionEstimator:
@@ -68,7 +78,7 @@ class FusionEstimator:
         self._origin = np.zeros(3)
         self._waiting: List[Tuple[int, int, Union[KeyframeEstimate, OdometryStatus]]] = []
         self._count = itertools.count()
-        self._slipping_until_ns = LONG_AGO_NS
+        self._contradiction = Contradiction(self.config.slip)
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
 
     def add_wheel_ticks(self, stamp_ns: int, left: int, right: int) -> Optional[FusedState]:
@@ -95,6 +105,17 @@ class FusionEstimator:
         if status.state is TrackingState.TRACKING:
             self._wait(status)
         return self._take_in(status)
+
+    def mount_camera(self, T_base_camera: np.ndarray) -> None:
+        """Set the (4, 4) pose of the camera, found while driving, before data of the camera are added.
+
+        Pose and covariance continue: so far the wheels alone have been used.
+
+        Raises:
+            ConfigError: it is not a pose of a camera that looks up.
+        """
+        self.robot = replace(self.robot, T_base_camera=T_base_camera)
+        self._backend.mount_camera(T_base_camera)
 
     def set_pose(self, pose: np.ndarray) -> None:
         """Set the published pose to (3,); later poses continue from there."""
@@ -128,14 +149,16 @@ class FusionEstimator:
         return self._backend.monitor.reports
 
     def predict_camera_motion(self, last: OdometryStatus, end_ns: int) -> Optional[CameraMotion]:
-        """Motion of the camera by the wheels, from the last image up to a later stamp of its clock, nanoseconds.
+        """Motion of the camera by the wheels, from the last tracked image to a later stamp of its clock, nanoseconds.
 
-        None if the last image has no pose, or there is no scale for its segment yet.
+        None if that image has no pose or lies too far back, or there is no scale for its segment yet.
         """
         estimate = self._backend.estimate
         if estimate is None or self._track.empty or end_ns <= last.stamp_ns:
             return None
         if last.state is not TrackingState.TRACKING or last.segment != self.scale.segment:
+            return None
+        if seconds(end_ns - last.stamp_ns) > LONGEST_PREDICTION_S:
             return None
         span_ns = self._on_wheel_clock(last.stamp_ns), self._on_wheel_clock(end_ns)
         return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, *span_ns)
@@ -162,10 +185,10 @@ class FusionEstimator:
         if self._output is None:
             self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_ns)
         self._track.add(step)
-        step = self._output.predict(step, slipping=step.end_ns < self._slipping_until_ns)
+        step = self._output.predict(step, slipping=self._contradiction.replaces_wheels(step.end_ns))
         self._use_waiting(self._output)
         pose, twist, twist_covariance = self._output.publish(step)
-        state, reasons = self._health.judge(step.end_ns, self._backend)
+        state, reasons = self._health.judge(step.end_ns, self._backend, self._contradiction)
         return FusedState(
             step.end_ns,
             planar.compose(self._origin, pose.pose),
@@ -207,10 +230,17 @@ class FusionEstimator:
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
         estimate = self._backend.add(keyframe, stamp_ns, self._track)
-        if estimate is None or not self._backend.scale_was_known:
-            return
+        self._contradiction.new_keyframe(stamp_ns)
+        if estimate is not None and self._backend.scale_was_known:
+            self._restart(output, estimate, self._track.end_ns)
+
+    def _restart(self, output: LiveOutput, estimate: GraphEstimate, until_ns: int) -> None:
+        """Let the output continue from a keyframe with the wheels since, and with the images up to a stamp."""
+        stamps_ns = [self._on_wheel_clock(status.stamp_ns) for status in self._frames]
         sightings = [
-            self._sighting(status) for status in self._frames if self._on_wheel_clock(status.stamp_ns) > stamp_ns
+            self._sighting(status)
+            for status, stamp_ns in zip(self._frames, stamps_ns)
+            if estimate.stamp_ns < stamp_ns <= until_ns
         ]
         steps = self._track.steps(estimate.stamp_ns, self._track.end_ns)
         output.restart(estimate, [*steps, *(sighting for sighting in sightings if sighting is not None)])
@@ -220,27 +250,48 @@ class FusionEstimator:
             self._backend.begin(status, stamp_ns, self._track)
         self._compare_frames(output, status)
         self._frames.append(status)
-        sighting = self._sighting(status)
+        sighting = None if self._contradiction.camera_doubted else self._sighting(status)
         if sighting is not None:
             output.correct(sighting)
 
     def _compare_frames(self, output: LiveOutput, status: OdometryStatus) -> None:
-        """Detect slip from one image to the next, which is sooner than from keyframe to keyframe."""
+        """Compare the motion between images with the wheels, which detects slip sooner than that between keyframes."""
         if not self._frames or not self._backend.scale_known:
             return
-        before = self._frames[-1]
-        visual = self._backend.motion_between(before, status)
-        if visual is None:
+        newest = self._motion_since(self._frames[-1], status)
+        if newest is None:
             return
-        start_ns, end_ns = self._on_wheel_clock(before.stamp_ns), self._on_wheel_clock(status.stamp_ns)
-        gap_s = seconds(end_ns - start_ns)
-        if not 0.0 < gap_s < LONGEST_FRAME_GAP_S:
+        was_doubted, judge = self._contradiction.camera_doubted, self._contradiction
+        earlier_ns = status.stamp_ns - LONG_BASELINE_NS
+        longer = next((frame for frame in self._frames if frame.stamp_ns >= earlier_ns), status)
+        if self._contradicts(newest):
+            judge.found(newest.start_ns, newest.end_ns, at_once=True)
+            output.withdraw_wheel_twist(newest.start_ns)
+        elif self._contradicts(self._motion_since(longer, status)):
+            judge.found(newest.start_ns, newest.end_ns, at_once=False)
+        else:
+            judge.not_found()
+        if judge.camera_doubted:
+            if not was_doubted and judge.since_ns is not None and self._backend.estimate is not None:
+                self._restart(output, self._backend.estimate, judge.since_ns)
             return
-        if self._backend.wheels_contradict(self._track.motion(start_ns, end_ns), visual):
-            self._slipping_until_ns = end_ns + SLIP_PERSISTS_NS
-        rate = visual.base_motion(self.scale.value)[::2] / gap_s
-        sigmas = np.diag(self._sight_covariance(visual))[::2] * 2.0 / gap_s**2
-        output.correct_twist(end_ns, rate, np.diag(sigmas))
+        gap_s = seconds(newest.end_ns - newest.start_ns)
+        rate = newest.visual.base_motion(self.scale.value)[::2] / gap_s
+        sigmas = np.diag(self._sight_covariance(newest.visual))[::2] * 2.0 / gap_s**2
+        output.correct_twist(newest.start_ns, newest.end_ns, rate, np.diag(sigmas))
+
+    def _motion_since(self, before: OdometryStatus, after: OdometryStatus) -> Optional[_SeenMotion]:
+        """Motion between two images; None when they cannot be related, or are too far apart to be compared."""
+        start_ns, end_ns = self._on_wheel_clock(before.stamp_ns), self._on_wheel_clock(after.stamp_ns)
+        if not 0.0 < seconds(end_ns - start_ns) < LONGEST_FRAME_GAP_S:
+            return None
+        visual = self._backend.motion_between(before, after)
+        return None if visual is None else _SeenMotion(start_ns, end_ns, visual)
+
+    def _contradicts(self, seen: Optional[_SeenMotion]) -> bool:
+        if seen is None:
+            return False
+        return self._backend.wheels_contradict(self._track.motion(seen.start_ns, seen.end_ns), seen.visual)
 
     def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
         """(3, 3) covariance of the base's pose as the camera measures it, metres and rad."""

@@ -6,11 +6,13 @@ from typing import Optional, Tuple
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.contradiction import Contradiction
 from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, seconds
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
 SHOWN_S = 0.5  # a slip, a jump of the scale or a restarted counter stays in the reasons for this time
+BRIEF_S = 0.25  # images without a pose for no longer than this, such as a flash, are no reason
 
 
 class Health:
@@ -20,7 +22,7 @@ class Health:
         self._config = config
         self._wheels_ns = LONG_AGO_NS
         self._restarted_ns = LONG_AGO_NS
-        self._camera_ns = LONG_AGO_NS
+        self._camera_ns = self._pose_ns = LONG_AGO_NS
         self._camera: Optional[OdometryStatus] = None
 
     def heard_wheels(self, step: WheelStep) -> None:
@@ -33,34 +35,42 @@ class Health:
         """Take note of an image, stamped on the wheels' clock."""
         self._camera_ns = max(stamp_ns, self._camera_ns)
         self._camera = status
+        if status.state is TrackingState.TRACKING:
+            self._pose_ns = self._camera_ns
 
     def wheels_silent(self, now_ns: int) -> bool:
         """No wheel sample for too long."""
         return seconds(now_ns - self._wheels_ns) > self._config.wheels.silence_s
 
-    def judge(self, now_ns: int, backend: KeyframeBackend) -> Tuple[FusionState, Tuple[str, ...]]:
+    def judge(
+        self, now_ns: int, backend: KeyframeBackend, contradiction: Contradiction
+    ) -> Tuple[FusionState, Tuple[str, ...]]:
         """The state at a time, and the reasons why it is not CONVERGED."""
-        reasons = tuple(
-            reason for reason in (self._wheels(now_ns, backend), self._eyes(now_ns), _scale(now_ns, backend)) if reason
-        )
+        wheels, eyes = self._wheels(now_ns, backend, contradiction), self._eyes(now_ns, contradiction)
+        reasons = tuple(reason for reason in (wheels, eyes, _scale(now_ns, backend)) if reason)
         if not backend.scale_was_known:
             return FusionState.NOT_SCALED, reasons
         return (FusionState.DEGRADED if reasons else FusionState.CONVERGED), reasons
 
-    def _wheels(self, now_ns: int, backend: KeyframeBackend) -> str:
+    def _wheels(self, now_ns: int, backend: KeyframeBackend, contradiction: Contradiction) -> str:
         if self.wheels_silent(now_ns):
             return f"wheels: silent for {seconds(now_ns - self._wheels_ns):.1f} s"
         if seconds(now_ns - self._restarted_ns) < SHOWN_S:
             return "wheels: counters restarted"
         reports = backend.monitor.reports
-        return "wheels: slip" if reports and seconds(now_ns - reports[-1].end_ns) < SHOWN_S else ""
+        reported = bool(reports) and seconds(now_ns - reports[-1].end_ns) < SHOWN_S
+        lasts = contradiction.lasts(now_ns) and not contradiction.camera_doubted
+        return "wheels: slip" if reported or lasts else ""
 
-    def _eyes(self, now_ns: int) -> str:
+    def _eyes(self, now_ns: int, contradiction: Contradiction) -> str:
         if self._camera is None:
             return "camera: no image yet"
         if seconds(now_ns - self._camera_ns) > self._config.visual.silence_s:
             return f"camera: silent for {seconds(now_ns - self._camera_ns):.1f} s"
-        if self._camera.state is not TrackingState.TRACKING:
+        if contradiction.camera_doubted:
+            return "camera: not used, it has shown a robot that stands while the wheels turned"
+        brief = self._camera.state is TrackingState.RETRYING and seconds(now_ns - self._pose_ns) < BRIEF_S
+        if self._camera.state is not TrackingState.TRACKING and not brief:
             detail = f" ({self._camera.message})" if self._camera.message else ""
             return f"camera: {self._camera.state.value}{detail}"
         return ""

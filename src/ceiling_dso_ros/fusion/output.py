@@ -8,16 +8,15 @@ were independent would not add information and would make the covariance too sma
 
 import math
 from dataclasses import dataclass, replace
-from typing import Optional, Sequence, Tuple, Union
+from typing import Sequence, Tuple, Union
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
+from ceiling_dso_ros.fusion.twist_filter import TwistFilter
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 
 
@@ -33,7 +32,7 @@ class BlendedPose:
     """Follows the motion of the best estimate at once and its corrections gradually.
 
     A correction is the change of the best estimate beyond the motion. It is applied with a time constant and with a
-    limit per output, so that the pose stays continuous, as REP-105 requires for `odom`.
+    largest speed, so that the pose stays continuous, as REP-105 requires for `odom`.
 
     Attributes:
         config: of the output; may be changed between two of them.
@@ -60,57 +59,13 @@ class BlendedPose:
         missing = planar.between(self.pose, target.pose)
         step = (1.0 - math.exp(-dt / config.blend_s)) * missing
         length = math.hypot(step[0], step[1])
-        if length > config.max_correction_m:
-            step[:2] *= config.max_correction_m / length
-        step[2] = max(-config.max_correction_rad, min(config.max_correction_rad, step[2]))
+        longest, widest = config.max_correction_m_s * dt, config.max_correction_rad_s * dt
+        if length > longest:
+            step[:2] *= longest / length
+        step[2] = max(-widest, min(widest, step[2]))
         self.pose = planar.compose(self.pose, step)
         missing = planar.between(self.pose, target.pose)
         return Estimate(self.pose, target.covariance + np.outer(missing, missing))
-
-
-class TwistFilter:
-    """Kalman filter of forward speed and yaw rate, with white-noise acceleration."""
-
-    def __init__(self, config: OutputConfig, noise: WheelNoise) -> None:
-        self._noise = noise
-        self.configure(config)
-        self._filter = KalmanFilter(dim_x=2, dim_z=2)
-        self._filter.H = np.eye(2)
-        self._filter.F = np.eye(2)
-        self._filter.inv = planar.inverse_2x2
-        self._filter.P = np.diag(self._accelerations**2)
-        self._stamp_ns: Optional[int] = None
-
-    def configure(self, config: OutputConfig) -> None:
-        """Let other accelerations count from now on."""
-        self._accelerations = np.array([config.acceleration_m_s2, config.acceleration_rad_s2])
-
-    @property
-    def twist(self) -> np.ndarray:
-        """(2,) m/s and rad/s."""
-        return self._filter.x.ravel()
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """(2, 2)."""
-        return self._filter.P
-
-    def add_step(self, step: WheelStep) -> None:
-        """Take in the wheels' rate."""
-        dt = step.duration_s
-        covariance = (self._noise.white(step) + self._noise.resolution)[::2, ::2] / dt**2
-        self._update(step.end_ns, step.rate[::2], covariance)
-
-    def add_rate(self, stamp_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
-        """Take in (2,) forward speed and yaw rate from another source, with (2, 2) covariance."""
-        self._update(stamp_ns, rate, covariance)
-
-    def _update(self, stamp_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
-        if self._stamp_ns is not None:
-            dt = max(0.0, seconds(stamp_ns - self._stamp_ns))
-            self._filter.predict(Q=np.diag(self._accelerations * dt) ** 2)
-        self._stamp_ns = stamp_ns
-        self._filter.update(rate.reshape(2, 1), R=covariance)
 
 
 class LiveOutput:
@@ -151,6 +106,7 @@ class LiveOutput:
 
     def predict(self, step: WheelStep, slipping: bool) -> WheelStep:
         """Add the newest wheel step; returns the step to use, which is a prediction if the sample was not usable."""
+        self._twist.advance(step.end_ns)
         if slipping:  # the robot is assumed to keep its velocity; images correct that
             forward, turn = step.duration_s * self.twist
             step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
@@ -163,9 +119,13 @@ class LiveOutput:
         """Take in a tracked image."""
         self._relative.correct(sighting)
 
-    def correct_twist(self, stamp_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
-        """Take in (2,) forward speed and yaw rate that the camera saw, with (2, 2) covariance."""
-        self._twist.add_rate(stamp_ns, rate, covariance)
+    def correct_twist(self, start_ns: int, end_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
+        """Take in (2,) mean forward speed and yaw rate that the camera saw over a time, with (2, 2) covariance."""
+        self._twist.add_rate(start_ns, end_ns, rate, covariance)
+
+    def withdraw_wheel_twist(self, since_ns: int) -> None:
+        """Undo what the wheels have said of the twist since a stamp, nanoseconds: they slipped."""
+        self._twist.withdraw_steps(since_ns)
 
     def publish(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
         """The output after a believed step: pose in odom with covariance, (2,) twist and its (2, 2) covariance."""

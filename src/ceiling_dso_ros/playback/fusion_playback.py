@@ -68,9 +68,9 @@ class FusionPlayback:
         self.estimator.add_frame(status)
 
     def predicted_motion(self, last: OdometryStatus, stamp_ns: int) -> Optional[CameraMotion]:
-        """Motion of the camera by the wheels, from the last image that was added to the next one.
+        """Motion of the camera by the wheels, from the last image with a pose to the next one.
 
-        None if there is no scale for the last image's segment.
+        None if there is no scale for that image's segment, or it lies too far back.
         """
         self._play_wheels(stamp_ns)
         return self.estimator.predict_camera_motion(last, stamp_ns)

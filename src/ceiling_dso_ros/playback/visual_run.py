@@ -7,7 +7,7 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Recording
@@ -35,7 +35,7 @@ class VisualRun:
         preprocess: converts raw images for the odometry.
         odometry: the odometry.
         trajectories: the poses so far.
-        last: status of the last image; None before the first.
+        last_tracked: status of the last image with a pose; None before the first.
     """
 
     def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, keep_trajectory: bool = True) -> None:
@@ -49,7 +49,8 @@ class VisualRun:
         self.preprocess = preprocess
         self._keep = keep_trajectory
         self.odometry = odometry
-        self.last: Optional[OdometryStatus]
+        self.last_tracked: Optional[OdometryStatus]
+        self._last_image: Optional[np.ndarray]
         self._forget()
 
     @classmethod
@@ -70,25 +71,29 @@ class VisualRun:
         self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float],
         prediction: Optional[CameraMotion] = None,
     ) -> TrackedImage:  # fmt: skip
-        """Process one image.
+        """Process one image. One that repeats the last one, as of a driver that has stopped, has no pose.
 
         Args:
             image: (height, width) uint8 or uint16, as it comes from the camera.
             stamp_ns: its stamp, nanoseconds.
             exposure_ms: None when unknown.
-            prediction: motion of the camera since the last image, predicted by other sensors; None if there is no
-                prediction.
+            prediction: motion of the camera since the last image with a pose, predicted by other sensors; None if
+                there is no prediction.
         """
         start_s = time.perf_counter()
         preprocessed = self.preprocess(image)
         preprocessed_s = time.perf_counter()
-        status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction)
+        if self._repeats(image):
+            status = self.odometry.skip(stamp_ns, "the camera repeats its last image")
+        else:
+            status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction)
         end_s = time.perf_counter()
         timing_ms = {"undistort": 1e3 * (preprocessed_s - start_s), **status.timing_ms}
-        self.last = replace(status, timing_ms=timing_ms)
+        if status.state is TrackingState.TRACKING:
+            self.last_tracked = status
         if self._keep:
             self.trajectories.add(status)
-        return TrackedImage(self.last, preprocessed, 1e3 * (end_s - start_s))
+        return TrackedImage(replace(status, timing_ms=timing_ms), preprocessed, 1e3 * (end_s - start_s))
 
     def restart(self) -> None:
         """Forget everything: the next image starts segment 0."""
@@ -97,4 +102,10 @@ class VisualRun:
 
     def _forget(self) -> None:
         self.trajectories = TrajectoryRecorder()
-        self.last = None
+        self.last_tracked = None
+        self._last_image = None
+
+    def _repeats(self, image: np.ndarray) -> bool:
+        """Whether an image is the very same as the last one: the noise of a sensor never is."""
+        last, self._last_image = self._last_image, image
+        return last is not None and np.array_equal(image, last)

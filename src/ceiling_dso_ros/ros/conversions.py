@@ -21,6 +21,7 @@ SMALLEST_VARIANCE = 1e-12  # consumers invert the covariance, so it is never sin
 STATES = {
     TrackingState.INITIALIZING: VisualOdometryStatus.INITIALIZING,
     TrackingState.TRACKING: VisualOdometryStatus.TRACKING,
+    TrackingState.RETRYING: VisualOdometryStatus.RETRYING,
     TrackingState.LOST: VisualOdometryStatus.LOST,
     TrackingState.RECOVERING: VisualOdometryStatus.RECOVERING,
 }

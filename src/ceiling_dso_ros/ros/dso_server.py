@@ -14,7 +14,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.cfg import DsoConfig
-from ceiling_dso_ros.dso import CameraMotion, ConfigError, DirectOdometry, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso import CameraMotion, ConfigError, DirectOdometry, OdometryConfig, OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
@@ -52,6 +52,7 @@ STATE_NAMES = {
     VisualOdometryStatus.WAITING: "waiting",
     VisualOdometryStatus.INITIALIZING: "initializing",
     VisualOdometryStatus.TRACKING: "tracking",
+    VisualOdometryStatus.RETRYING: "retrying",
     VisualOdometryStatus.LOST: "lost",
     VisualOdometryStatus.RECOVERING: "recovering",
 }
@@ -109,7 +110,7 @@ class DsoServer:
         self._dropped, self._paused = 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
         self._clock = RunClock()
-        self._last_stamp_ns: Optional[int] = None
+        self._last_tracked_ns: Optional[int] = None  # as stamped by the camera
         self._calibration: Optional[CameraCalibration] = None  # of the run
         self._size_complaint = ""
         self._run: Optional[VisualRun] = None  # None without a calibration
@@ -204,7 +205,8 @@ class DsoServer:
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
         exposure_ms = self._exposures.at(stamp_ns, timeout_s)
         tracked = self._run.track(image, inner_ns, exposure_ms, self._prediction(stamp_ns))
-        self._last_stamp_ns = stamp_ns
+        if tracked.status.state is TrackingState.TRACKING:
+            self._last_tracked_ns = stamp_ns
         status = self._with_data_stamps(tracked.status)
         camera_frame_id = self._camera_frame(message)
         self._publisher.publish(header, camera_frame_id, status)
@@ -215,9 +217,9 @@ class DsoServer:
         return status_message(header, status)
 
     def _prediction(self, stamp_ns: int) -> Optional[CameraMotion]:
-        if self._predictions is None or self._last_stamp_ns is None:
+        if self._predictions is None or self._last_tracked_ns is None:
             return None
-        return self._predictions.between(self._last_stamp_ns, stamp_ns, self._status.segment)
+        return self._predictions.between(self._last_tracked_ns, stamp_ns, self._status.segment)
 
     def _camera_frame(self, message: AnyImage) -> str:
         return self._camera_frame_id or message.header.frame_id.lstrip("/")
@@ -264,7 +266,7 @@ class DsoServer:
         if self._run is not None:
             self._run.restart()
         self._clock.reset()
-        self._last_stamp_ns = None
+        self._last_tracked_ns = None
         self._publisher.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 
 from ceiling_dso_ros.cfg import FusionConfig as FusionReconfigureConfig
 from ceiling_dso_ros.cfg import FusionOutputConfig
-from ceiling_dso_ros.dso import OdometryStatus
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
@@ -31,7 +31,7 @@ from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node_parameters import FusionParameters
 from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
-from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot, with_camera
+from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
 from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message
@@ -78,7 +78,7 @@ class FusionServer:
         """
         own: FusionParameters
         own, self._config = parameters.read(FusionParameters, FusionConfig, groups=ROBOT_GROUP)
-        self._robot, has_camera = read_robot()
+        robot, has_camera = read_robot()
         self._odom_frame, base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
         self._keep = own.keep_trajectory
         self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
@@ -89,10 +89,10 @@ class FusionServer:
         self._order = ImageOrder(self._clock.is_simulated)
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
-        self._mount = CameraMount(base_frame, camera_frame, self._robot.T_base_camera if has_camera else None)
+        self._mount = CameraMount(base_frame, camera_frame, robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
-        self._camera_offset_ns = nanoseconds(self._robot.camera_time_offset_s)
-        self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
+        self._camera_offset_ns = nanoseconds(robot.camera_time_offset_s)
+        self._estimator = FusionEstimator(robot, self._config, keep_history=self._keep)
         self._publisher = FusionPublisher(self._odom_frame, base_frame)
         self._map = MetricMap(self._odom_frame)
         self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, base_frame)
@@ -128,7 +128,7 @@ class FusionServer:
         self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
         self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
-        self._newest_image: Optional[OdometryStatus] = None
+        self._newest_tracked: Optional[OdometryStatus] = None
         self._publisher.reset()
         self._map.clear()
 
@@ -206,11 +206,12 @@ class FusionServer:
             self._window = status
         if not self._camera_known:  # its motion cannot be used without its mounting
             return
-        self._newest_image = status
+        if status.state is TrackingState.TRACKING:
+            self._newest_tracked = status
         for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
             self._publish(state, start_s)
         if status.keyframes:
-            self._map.add_window(stamp, status.keyframes, self._camera_offset_ns, self._robot.T_base_camera)
+            self._map.add_window(stamp, status.keyframes, self._camera_offset_ns, self._estimator.robot.T_base_camera)
 
     def _use_mount(self) -> None:
         """Use the camera as soon as its mounting is known."""
@@ -218,16 +219,13 @@ class FusionServer:
         if T_base_camera is None:
             return
         try:
-            self._robot = with_camera(self._robot, T_base_camera)
+            self._estimator.mount_camera(T_base_camera)
         except ConfigError as error:
             self._mount.complaint = f"by tf, {error}"
             return
         self._camera_known = True
-        self._estimator = FusionEstimator(self._robot, self._config, keep_history=self._keep)
         if self._window is not None:
             self._estimator.add_keyframes(self._window)
-        if self._state is not None:
-            self._estimator.set_pose(self._state.pose)
 
     # Output
 
@@ -246,7 +244,7 @@ class FusionServer:
         self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
 
     def _predict(self) -> None:
-        newest, now_ns = self._newest_image, self._clock.last_ns
+        newest, now_ns = self._newest_tracked, self._clock.last_ns
         if newest is None or now_ns is None or not self._publisher.prediction_wanted:
             return
         end_ns = now_ns - self._camera_offset_ns

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The robot's dimensions from the private parameters `~robot/...`."""
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,12 +45,3 @@ def read_robot() -> RobotParameter:
     mount = values.get("T_base_camera", "")
     parameters.write({"robot": {**robot_values(robot), "T_base_camera": mount}}, {"robot": values})
     return RobotParameter(model, mount != "")
-
-
-def with_camera(robot: RobotModel, T_base_camera: np.ndarray) -> RobotModel:
-    """The robot with another pose of the camera.
-
-    Raises:
-        ConfigError: the camera does not look up.
-    """
-    return replace(robot, T_base_camera=T_base_camera)

@@ -120,9 +120,21 @@ def test_a_right_hypothesis_survives_coarse_levels_that_mislead_it(pool, referen
     monkeypatch.setattr(tracking, "align", misled)
     tracked = track(pool, reference, image, [T, np.eye(4)], expected_rmse=3.0)
     assert np.abs(se3.log(tracked.T_frame_reference @ np.linalg.inv(T))).max() < 1e-3
-    monkeypatch.setattr(FrameTracker, "_attempts", lambda self, hypotheses: ((T, 3) for T in hypotheses))
+    monkeypatch.setattr(FrameTracker, "_attempts", lambda *args: ((T, args[5], 3) for T in args[4]))
     tracked = track(pool, reference, image, [T, np.eye(4)], expected_rmse=3.0)
     assert tracked is None or np.abs(se3.log(tracked.T_frame_reference @ np.linalg.inv(T))).max() > 1e-2
+
+
+@pytest.mark.parametrize(("affine", "exposure"), [((-1.5, 0.0), 1.1), ((-0.6, 90.0), 1.1), (REFERENCE_AFFINE, 8.0)])
+def test_light_that_has_changed_at_once_is_found(pool, reference, affine, exposure):
+    """Lamps that went out or on, or an exposure that is wrong by a factor of seven."""
+    T = se3.exp(np.array([0.03, -0.02, 0.01, 0.005, -0.005, 0.01]))
+    image = SURFACE.render(T, CAMERA, affine, 1.1)
+    tracked = track(pool, reference, image, [np.eye(4)], exposure, expected_rmse=3.0)
+    assert np.abs(se3.log(tracked.T_frame_reference @ np.linalg.inv(T))).max() < 1e-3
+    gain = exposure * np.exp(tracked.affine[0])
+    assert gain == pytest.approx(1.1 * np.exp(affine[0]), rel=0.02)
+    assert tracked.affine[1] == pytest.approx(affine[1], abs=2.0)
 
 
 def test_a_good_first_hypothesis_ends_the_search(pool, reference):
@@ -139,7 +151,7 @@ def test_nothing_in_view_is_no_frame(pool, reference):
 
 
 def test_impossible_brightness_is_no_frame(pool, reference):
-    image = SURFACE.render(np.eye(4), CAMERA, (REFERENCE_AFFINE[0] - 1.6, 4.0), 1.1)
+    image = SURFACE.render(np.eye(4), CAMERA, (REFERENCE_AFFINE[0] - 2.5, 4.0), 1.1)
     assert track(pool, reference, image, [np.eye(4)]) is None
 
 

@@ -12,7 +12,7 @@ class Frame:
 
     Attributes:
         stamp_ns: nanoseconds.
-        exposure: ms, 1 when unknown.
+        exposure: on the scale of `ExposureScale`.
         image_slot: its pyramid in the pool.
         T_camera_world: (4, 4) float64 tracked pose.
         affine: (2,) tracked brightness (a, b).

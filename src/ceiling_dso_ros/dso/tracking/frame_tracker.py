@@ -3,7 +3,7 @@
 
 import itertools
 from dataclasses import dataclass
-from typing import Iterable, List, Optional, Tuple
+from typing import Iterable, Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -12,15 +12,16 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
-from ceiling_dso_ros.dso.tracking.tracking_kernels import align, mean_squared_flow
+from ceiling_dso_ros.dso.tracking.tracking_kernels import align, mean_squared_flow, pair_greys
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.tracking.uncertainty import Observability, unit_information
 
 ITERATIONS = (10, 20, 50, 50, 50, 50)  # per level, finest first
 MIN_STEP = 0.03  # pixels of the level, at the image's centre
 MAX_SATURATED = 0.6  # share of points above the cutoff beyond which it is doubled; on the finest level, a failure
-MAX_GAIN_LOG = 1.2
+MAX_GAIN_LOG = 2.3  # of an image over the reference: with a tenth of its contrast, 8 bits hold nothing to align
 MAX_OFFSET = 200.0
+RELIT_HYPOTHESES = 8  # of the motion, that are tried with another brightness
 FLOW_STRIDE = 32  # flow is measured on every 32nd point
 UNIT_STRIDE = 8
 SEARCH_ANGLE = 0.02  # rad
@@ -94,8 +95,11 @@ class FrameTracker:
     ) -> Optional[TrackedFrame]:  # fmt: skip
         """Track the frame in a pool slot; None when no hypothesis converges.
 
+        If none does well, the light may have changed at once. Then the first ones are tried again with the brightness
+        at which the grey values of image and reference are distributed alike.
+
         Args:
-            exposure: of the frame, ms, 1 when unknown.
+            exposure: of the frame, on the scale of `ExposureScale`.
             hypotheses: T_frame_reference to try in order. The first one is also tried on the finest levels alone, in
                 case the coarse levels mislead it.
             affine: first guess of the frame's brightness (a, b).
@@ -104,22 +108,61 @@ class FrameTracker:
         growth = self._config.max_rmse_growth
         best: Optional[TrackedFrame] = None
         best_errors = [np.inf] * self._pool.shape.levels
-        for hypothesis, levels in self._attempts(hypotheses):
+        for hypothesis, light, levels in self._attempts(image_slot, exposure, reference, hypotheses, affine):
             limits = [growth * error for error in best_errors[:levels]]
             errors: List[float] = []
-            tracked = self._descend(image_slot, exposure, reference, hypothesis, affine, limits, errors)
+            tracked = self._descend(image_slot, exposure, reference, hypothesis, light, limits, errors)
             if tracked is not None and (best is None or tracked.rmse < best.rmse):
                 best, best_errors = tracked, errors[::-1] + best_errors[levels:]
             if best is not None and best.rmse < growth * expected_rmse:
                 break
         return best
 
-    def _attempts(self, hypotheses: Iterable[np.ndarray]) -> Iterable[Tuple[np.ndarray, int]]:
-        """Hypotheses, each with the number of pyramid levels on which it is tried."""
+    def _attempts(
+        self, image_slot: int, exposure: float, reference: TrackingReference, hypotheses: Iterable[np.ndarray],
+        affine: np.ndarray,
+    ) -> Iterator[Tuple[np.ndarray, np.ndarray, int]]:  # fmt: skip
+        """What to try: motion, brightness (a, b), and the number of pyramid levels."""
+        all_levels, first_ones = self._pool.shape.levels, []
         for k, hypothesis in enumerate(hypotheses):
-            yield hypothesis, self._pool.shape.levels
+            yield hypothesis, affine, all_levels
             if k == 0:
-                yield hypothesis, FINE_LEVELS
+                yield hypothesis, affine, FINE_LEVELS
+            if k < RELIT_HYPOTHESES:
+                first_ones.append(hypothesis)
+        for hypothesis in first_ones:
+            relit = self._relit(image_slot, exposure, reference, hypothesis, affine)
+            if relit is not None:
+                yield hypothesis, relit, all_levels
+
+    def _relit(
+        self, image_slot: int, exposure: float, reference: TrackingReference, T_frame_reference: np.ndarray,
+        tried: np.ndarray,
+    ) -> Optional[np.ndarray]:  # fmt: skip
+        """Brightness (a, b) of a frame at which its grey values are distributed like the reference's.
+
+        From median and quartiles on the coarsest level: neither depends much on the motion. None where there is
+        nothing to compare, or the brightness is as good as the one that was tried, (a, b).
+        """
+        level = self._pool.shape.levels - 1
+        points, size = reference.levels[level], self._pool.shape.sizes[level]
+        greys = np.empty((2, points.u.size), np.float32)
+        count = pair_greys(
+            points.u, points.v, points.idepth, points.grey, self._pool.level(image_slot, level), *size,
+            level_intrinsics(reference.intrinsics, level), T_frame_reference, greys,
+        )  # fmt: skip
+        if count == 0 or not np.isfinite(greys[0, :count]).all():
+            return None
+        quartiles, expected = (np.quantile(row[:count], (0.25, 0.5, 0.75)) for row in greys)
+        if quartiles[0] == quartiles[2] or expected[0] == expected[2]:
+            return None
+        expected -= reference.affine[1]
+        ratio = exposure / reference.exposure
+        as_tried = ratio * np.exp(tried[0] - reference.affine[0]) * expected + tried[1]
+        if np.abs(quartiles - as_tried).max() < 0.5 * self._config.cutoff:
+            return None
+        gain = (quartiles[2] - quartiles[0]) / (expected[2] - expected[0])
+        return np.array([reference.affine[0] + np.log(gain / ratio), quartiles[1] - gain * expected[1]])
 
     def _descend(
         self, image_slot: int, exposure: float, reference: TrackingReference, T_frame_reference: np.ndarray,
@@ -148,7 +191,8 @@ class FrameTracker:
             if not (np.isfinite(rmse) and np.isfinite(T).all()) or rmse > limits[level]:
                 return None
         T = se3.orthonormalized(T)  # the next hypotheses are products of it: rounding would grow with every frame
-        if saturated > MAX_SATURATED or abs(ab[0] - reference.affine[0]) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
+        gain_log = ab[0] - reference.affine[0] + np.log(ratio)
+        if saturated > MAX_SATURATED or abs(gain_log) > MAX_GAIN_LOG or abs(ab[1]) > MAX_OFFSET:
             return None
         finest = reference.levels[0]
         flows = mean_squared_flow(

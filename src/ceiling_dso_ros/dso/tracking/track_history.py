@@ -13,6 +13,7 @@ from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 
 JITTER = 0.1  # share of the time between two frames that their stamps may be off without telling of another motion
 LONGEST_STRETCH = 5.0  # a motion is taken to go on like that for so many times its own duration
+NANOSECONDS = 10**9
 
 
 class RelativePose(NamedTuple):
@@ -39,6 +40,7 @@ class TrackHistory:
 
     def __init__(self) -> None:
         self._poses: List[RelativePose] = []
+        self._missed = 0  # frames without a pose since the last one with a pose
         self.affine = np.zeros(2)
         self.rmse = np.inf
 
@@ -46,8 +48,17 @@ class TrackHistory:
         """Take in a frame with its pose; returns T_keyframe_camera, (4, 4), on the reference's keyframe."""
         T_keyframe_camera = reference.T_camera_world @ se3.inverse(frame.T_camera_world)
         self._poses = [*self._poses[-1:], RelativePose(reference.keyframe_id, T_keyframe_camera, frame.stamp_ns)]
-        self.affine, self.rmse = frame.affine, rmse
+        self.affine, self.rmse, self._missed = frame.affine, rmse, 0
         return T_keyframe_camera
+
+    def miss(self, stamp_ns: int, patience_s: float) -> bool:
+        """Take note of a frame without a pose; returns whether it is worth while to try another one.
+
+        It is if the last pose is not older than the patience, and always after a single such frame.
+        """
+        last_ns = self._poses[-1].stamp_ns
+        self._missed += 1
+        return self._missed == 1 or last_ns is None or stamp_ns - last_ns <= patience_s * NANOSECONDS
 
     def begin(self, keyframe_id: int) -> None:
         """Begin with a frame that is a keyframe itself."""

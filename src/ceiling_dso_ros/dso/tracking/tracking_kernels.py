@@ -229,6 +229,34 @@ def align(
 
 
 @kernel
+def pair_greys(
+    u: np.ndarray, v: np.ndarray, idepth: np.ndarray, grey: np.ndarray,
+    image: np.ndarray, width: int, height: int, intrinsics: np.ndarray, T_frame_reference: np.ndarray,
+    greys: np.ndarray,
+) -> int:  # fmt: skip
+    """Grey values of the points that are in view, in the image and in the reference.
+
+    Args:
+        u, v, idepth, grey, image, width, height, intrinsics, T_frame_reference: as in `accumulate`.
+        greys: (2, n) float32 output: of the image, of the reference.
+
+    Returns:
+        The number of points in view.
+    """
+    camera, motion = intrinsics_of(intrinsics), warp_of(T_frame_reference[:3, :3], T_frame_reference[:3, 3])
+    count = 0
+    for i in range(u.size):
+        x_reference, y_reference = unproject(camera, u[i], v[i])
+        x, y, z, _ = warp_point(motion, x_reference, y_reference, idepth[i])
+        column, row = to_pixel(camera, x, y)
+        if in_view(column, row, z, width, height):
+            greys[0, count] = image[int(row + 0.5) * width + int(column + 0.5)]
+            greys[1, count] = grey[i]
+            count += 1
+    return count
+
+
+@kernel
 def mean_squared_flow(
     u: np.ndarray, v: np.ndarray, idepth: np.ndarray, intrinsics: np.ndarray, T_frame_reference: np.ndarray
 ) -> Tuple[float, float]:

@@ -34,7 +34,7 @@ class TrackingReference:
         keyframe_id: the keyframe.
         T_camera_world: (4, 4) float64 its pose when the reference was made.
         affine: (2,) its brightness (a, b).
-        exposure: ms, 1 when unknown.
+        exposure: on the scale of `ExposureScale`.
         intrinsics: (4,) float64 of level 0.
         levels: finest first.
     """

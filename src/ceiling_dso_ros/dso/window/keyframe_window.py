@@ -34,7 +34,7 @@ class KeyframeArrays(NamedTuple):
         offset: (slots, 8) float64.
         T_camera_world: (slots, 4, 4) float64, current estimate.
         affine: (slots, 2) float64, current estimate.
-        exposure: (slots,) float64 ms, 1 when unknown.
+        exposure: (slots,) float64 on the scale of `ExposureScale`.
         energy_threshold: (slots,) float32; residuals above it are outliers.
         image_slot: (slots,) int64 slot in the pyramid pool.
     """
