@@ -146,10 +146,11 @@ class DirectOdometry:
         """Align a frame with the newest keyframe.
 
         Raises:
-            UntrackedImageError: no pose explains the image, or noise would explain it as well.
+            UntrackedImageError: no pose explains the image, noise would explain it as well, or it is another time's.
         """
         history, reference = self._segment.history, current.reference
-        hypotheses = history.hypotheses(reference, current.pose_of, frame.stamp_ns, prediction)
+        seen_before = reference, current.pose_of, frame.stamp_ns, prediction
+        hypotheses = history.hypotheses(*seen_before)
         tracked = self._tracker.track(
             frame.image_slot, frame.exposure, reference, hypotheses, history.affine, history.rmse
         )
@@ -157,6 +158,8 @@ class DirectOdometry:
             raise UntrackedImageError("no motion explains this image")
         if tracked.weakest < self.config.tracking.min_texture:
             raise UntrackedImageError("too little texture: a motion of the camera cannot be told from noise")
+        if history.doubts(tracked, *seen_before):
+            raise UntrackedImageError("moved too far since the last image: the next one may confirm it")
         return tracked
 
     def _set_aside(self, frame: Frame, reason: str, timer: StageTimer) -> OdometryStatus:

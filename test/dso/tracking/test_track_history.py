@@ -8,8 +8,9 @@ from synthetic import CAMERA
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.tracking.frame_tracker import TrackedFrame
 from ceiling_dso_ros.dso.tracking.track_history import TrackHistory
-from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
+from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceLevel, TrackingReference
 
 FRAME_NS = 33_333_333
 STEP = se3.exp(np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.03]))
@@ -91,3 +92,71 @@ def test_the_motion_goes_on_for_the_time_that_has_passed(gaps_ns, expected):
     if expected == 1.0:
         np.testing.assert_array_equal(likeliest, STEP @ STEP)
     np.testing.assert_allclose(likeliest, se3.exp(expected * se3.log(STEP)) @ STEP, atol=1e-9)
+
+
+def straight(history, keyframe, frames=3):
+    """Frames that go on by STEP each; returns the pose of the next one."""
+    history.begin(0)
+    T = np.eye(4)
+    for k in range(frames):
+        T = STEP @ T
+        history.remember(frame(T, stamp_ns=k * FRAME_NS), keyframe, 1.0)
+    return STEP @ T
+
+
+def textured(keyframe_id):
+    """A reference with points all over the image, at unit depth."""
+    u, v = (values.ravel().astype(np.float32) for values in np.mgrid[10:310:5, 10:230:5])
+    level = ReferenceLevel(u, v, np.ones_like(u), np.zeros_like(u))
+    return TrackingReference(keyframe_id, np.eye(4), np.zeros(2), 1.0, CAMERA.parameters, (level,))
+
+
+def doubts(history, keyframe, T_frame_world, stamp_ns, prediction=None):
+    tracked = TrackedFrame(T_frame_world, np.zeros(2), 1.0, 0.0, 0.0, 0.0, np.eye(6), 10.0)
+    return history.doubts(tracked, keyframe, poses({0: keyframe}), stamp_ns, prediction)
+
+
+BACK = np.linalg.inv(STEP)
+
+
+def test_a_frame_that_goes_on_stops_or_turns_back_is_believed():
+    history, keyframe = TrackHistory(), textured(0)
+    T_next = straight(history, keyframe)
+    for T in (T_next, BACK @ T_next, BACK @ BACK @ T_next, STEP @ T_next):
+        assert not doubts(history, keyframe, T, 3 * FRAME_NS)
+
+
+def test_a_frame_of_another_time_is_doubted_until_the_next_one_confirms_it():
+    history, keyframe = TrackHistory(), textured(0)
+    T_next = straight(history, keyframe)
+    T_old = np.linalg.matrix_power(BACK, 25) @ T_next
+    assert doubts(history, keyframe, T_old, 3 * FRAME_NS)
+    assert not doubts(history, keyframe, STEP @ T_next, 4 * FRAME_NS)  # it was one bad image
+    assert doubts(history, keyframe, T_old, 5 * FRAME_NS)
+    far = np.linalg.matrix_power(STEP, 60)
+    assert doubts(history, keyframe, far @ T_old, 6 * FRAME_NS)  # two bad ones do not confirm each other
+    assert not doubts(history, keyframe, STEP @ far @ T_old, 7 * FRAME_NS)  # the camera is somewhere else now
+
+
+def test_wheels_that_predict_a_motion_confirm_it():
+    history, keyframe = TrackHistory(), textured(0)
+    T_next = straight(history, keyframe)
+    T_stop = np.linalg.matrix_power(BACK, 8) @ T_next
+    T_last_frame = BACK @ T_next @ np.linalg.inv(T_stop)
+    assert not doubts(history, keyframe, T_stop, 3 * FRAME_NS, CameraMotion(T_last_frame, np.zeros((6, 6))))
+
+
+def test_after_a_long_time_a_camera_may_be_anywhere():
+    history, keyframe = TrackHistory(), textured(0)
+    T_next = straight(history, keyframe)
+    assert not doubts(history, keyframe, np.linalg.matrix_power(BACK, 8) @ T_next, 12 * FRAME_NS)
+
+
+def test_patience_counts_from_the_last_pose():
+    history, keyframe = TrackHistory(), textured(0)
+    straight(history, keyframe)
+    assert history.miss(100 * FRAME_NS, patience_s=1.0)  # one bad image is no reason to give up
+    assert not history.miss(101 * FRAME_NS, patience_s=1.0)
+    straight(history, keyframe)
+    assert all(history.miss((2 + k) * FRAME_NS, patience_s=1.0) for k in range(1, 31))
+    assert not history.miss(33 * FRAME_NS, patience_s=1.0)

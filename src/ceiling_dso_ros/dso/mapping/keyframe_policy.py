@@ -15,6 +15,7 @@ from ceiling_dso_ros.dso.window.points import INLIER, OUT_OF_BOUNDS, OUTLIER
 MIN_POINTS_LEFT = 0.05  # share of the active points that a keyframe ever had
 KEPT_NEWEST = 2  # of the older ones: their candidates have hardly had a chance to become points
 MAX_BRIGHTNESS_CHANGE = 0.7  # |ln alpha|
+SURPRISING_SHARE = 0.25  # of the points, that nothing explains in a frame, more than in the one before
 
 
 def brightness_change(affine: np.ndarray, exposure: float, reference: TrackingReference) -> float:
@@ -23,12 +24,16 @@ def brightness_change(affine: np.ndarray, exposure: float, reference: TrackingRe
 
 
 class KeyframeTrigger:
-    """Decides which tracked frames become keyframes: those that have moved, or changed, enough."""
+    """Decides which tracked frames become keyframes: those that have moved, or changed, enough.
+
+    Not one of which suddenly a part shows something else: if that lasts, the next frame becomes one.
+    """
 
     def __init__(self, camera: PinholeCamera, config: KeyframeConfig) -> None:
         self._config = config
         self._flow_unit = camera.width + camera.height  # pixels; makes the number of keyframes independent of the size
         self._first_rmse = np.inf
+        self._saturated = 1.0  # of the last frame
 
     def renew(self) -> None:
         """Start with another reference; later errors are compared with the error of the next frame."""
@@ -38,6 +43,9 @@ class KeyframeTrigger:
         """Whether a frame that was tracked against the reference is to become a keyframe."""
         if not np.isfinite(self._first_rmse):
             self._first_rmse = tracked.rmse
+        before, self._saturated = self._saturated, tracked.saturated
+        if tracked.saturated > before + SURPRISING_SHARE:
+            return False
         motion_flow = np.sqrt(tracked.motion_flow)
         if motion_flow > self._config.min_flow and tracked.rmse > self._config.max_rmse_growth * self._first_rmse:
             return True

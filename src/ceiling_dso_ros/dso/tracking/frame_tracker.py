@@ -80,6 +80,13 @@ def motion_hypotheses(
             yield se3.exp(SEARCH_ANGLE * np.array([0.0, 0.0, 0.0, *axes])) @ constant
 
 
+def flow_of(T: np.ndarray, reference: TrackingReference) -> float:
+    """Root mean square flow in pixels of the reference's points by a (4, 4) motion."""
+    finest = reference.levels[0]
+    u, v, idepth = (values[::FLOW_STRIDE] for values in (finest.u, finest.v, finest.idepth))
+    return float(np.sqrt(mean_squared_flow(u, v, idepth, reference.intrinsics, T)[1]))
+
+
 class FrameTracker:
     """Tracks frames. Holds scratch memory and the last error only."""
 
