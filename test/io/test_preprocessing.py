@@ -2,7 +2,8 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
+from ceiling_dso_ros.io.camera_info import calibration_from_camera_info
+from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.image_scaling import scaled_camera
 from ceiling_dso_ros.io.lens_models import LensCamera
