@@ -67,7 +67,10 @@ def test_rectified_images_are_those_of_P():
         ({"distortion_model": "", "D": [0.1] * 4}, "4 coefficients in D instead of 5 or 8 for an unnamed distortion"),
         ({"D": [0.1] * 14}, "14 coefficients in D instead of 4, 5 or 8 for plumb_bob"),
         ({"K": [425.3, 0, 900.0, 0, 424.9, 236.4, 0, 0, 1]}, "the principal point (900, 236.4) is outside the image"),
-        ({"roi": Window(800, 0, 100, 100)}, "100x100 at (800, 0) with binning 1x1, is not within the sensor of 848x480"),
+        (
+            {"roi": Window(800, 0, 100, 100)},
+            "100x100 at (800, 0) with binning 1x1, is not within the sensor of 848x480",
+        ),
         ({"binning": (849, 1)}, "848x480 at (0, 0) with binning 849x1, is not within the sensor of 848x480"),
         (
             {"distortion_model": "spline", "D": [0.1]},
@@ -94,9 +97,7 @@ def whole_sensor():
     """What the whole sensor sees: the distorted picture of a smooth wall."""
     lens = calibration_from_camera_info(848, 480, "plumb_bob", MILD, K).lens
     u, v = np.meshgrid(np.arange(lens.width, dtype=np.float64), np.arange(lens.height, dtype=np.float64))
-    x, y = np.moveaxis(
-        cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), lens.matrix, np.array(MILD)), -1, 0
-    )
+    x, y = np.moveaxis(cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), lens.matrix, np.array(MILD)), -1, 0)
     return (32768 + 15000 * np.sin(9 * x) * np.cos(7 * y)).reshape(480, 848)
 
 

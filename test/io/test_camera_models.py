@@ -7,6 +7,7 @@ import pytest
 from ceiling_dso_ros.io.camera_models import read_camera_file
 from ceiling_dso_ros.io.errors import InputError
 
+
 def read(tmp_path, *lines):
     path = tmp_path / "camera.txt"
     path.write_text("\n".join(lines) + "\n")
