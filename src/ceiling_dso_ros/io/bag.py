@@ -154,7 +154,8 @@ class BagRecording(Recording):
 
     def _read_camera_info(self) -> CameraCalibration:
         """The first calibration in the bag."""
-        topic, complaint = self._info_topic or "", None
+        topic = self._info_topic or ""
+        complaint: Optional[InputError] = None
         for _, _, info in self._contents("sensor_msgs/msg/CameraInfo", topic):
             try:
                 calibration = self._calibration_of(info)
@@ -162,8 +163,10 @@ class BagRecording(Recording):
                 complaint = complaint or error
                 continue
             doubt = None if self._rectified else distorted_though_rectified(self._image_topic, info.D.tolist())
-            for text in filter(None, [complaint and f"{complaint}; a later camera_info is used", doubt]):
-                self._warn(text)
+            if complaint is not None:
+                self._warn(f"{complaint}; a later camera_info is used")
+            if doubt is not None:
+                self._warn(doubt)
             return calibration
         if complaint is not None:
             raise complaint

@@ -2,7 +2,8 @@
 """Decodes grey images from the bytes of messages and files."""
 
 import re
-from typing import Union
+from contextlib import suppress
+from typing import Optional, Union
 
 import cv2
 import numpy as np
@@ -70,10 +71,9 @@ def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") ->
         raise FrameError(f"truncated image: its {len(data)} bytes have no end mark")
     pattern = re.match("bayer_[a-z]{4}", image_format)
     flags = AS_STORED | (cv2.IMREAD_GRAYSCALE if pattern is None else cv2.IMREAD_ANYCOLOR)
-    try:
+    image: Optional[np.ndarray] = None
+    with suppress(cv2.error):
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
-        image = None
     if image is None:
         raise FrameError(f"not a readable image ({len(data)} bytes)")
     if pattern is not None:

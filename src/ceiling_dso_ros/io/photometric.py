@@ -48,6 +48,7 @@ class PhotometricCalibration:
         Returns:
             (H, W) float32, a new array; 0 to 255 where the vignette is 1.
         """
+        corrected: np.ndarray
         if image.dtype == np.uint8:
             table = self.inverse_response.astype(np.float32)
             corrected = image.astype(np.float32) if self._is_linear else cv2.LUT(image, table)
