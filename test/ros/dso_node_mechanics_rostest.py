@@ -58,12 +58,15 @@ class DsoNodeMechanics(unittest.TestCase):
         )
 
     def test_wrong_parameters_are_refused_in_one_line(self):
-        for parameter, complaint in [
-            ("_calibration:=/nowhere/camera.txt", "/nowhere/camera.txt"),
-            ("_image_transport:=pigeon", "image_transport=pigeon: raw or compressed"),
-            ("_bit_depth:=17", "bit_depth 17: 8 to 16, or 0 to find it from the images"),
-        ]:
-            command = ["rosrun", "ceiling_dso_ros", "dso_node", "__name:=refused", parameter]
+        for number, (parameter, complaint) in enumerate(
+            [
+                ("_calibration:=/nowhere/camera.txt", "/nowhere/camera.txt"),
+                ("_image_transport:=pigeon", "image_transport=pigeon: raw or compressed"),
+                ("_bit_depth:=17", "bit_depth 17: 8 to 16, or 0 to find it from the images"),
+            ]
+        ):
+            # Parameters outlast a node.
+            command = ["rosrun", "ceiling_dso_ros", "dso_node", f"__name:=refused_{number}", parameter]
             node = subprocess.run(command, capture_output=True, text=True, timeout=60)
             self.assertEqual(node.returncode, 2)
             self.assertIn(complaint, node.stderr)

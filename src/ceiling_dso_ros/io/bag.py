@@ -5,7 +5,7 @@ from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, Optional, Tuple
 
 import numpy as np
 
@@ -131,12 +131,17 @@ class BagRecording(Recording):
     def _image_messages(self) -> Iterator[RawMessage]:
         """All messages with images; a camera_info in between that describes another camera is warned of."""
         known = self.calibration
+        fields: Dict[str, Any] = {}
         for raw in read_messages(self.path, [topic for topic in (self._image_topic, self._info_topic) if topic]):
             if raw.topic == self._image_topic:
                 yield raw
                 continue
             with suppress(FrameError, InputError):
-                calibration = self._calibration_of(raw.content())
+                info = raw.content()
+                if camera_info_fields(info) == fields:
+                    continue
+                fields = camera_info_fields(info)
+                calibration = self._calibration_of(info)
                 if calibration != known:
                     self._warn(
                         f"{self.path}, {raw.topic}: camera_info changes at {format_stamp(raw.stamp_ns)} to "
