@@ -86,7 +86,6 @@ SENSOR = {
 }
 DRIVERS = {
     "twelve bits": ({"change": lambda image: image.astype(np.uint16) << 4}, "4095 (12 bits)"),
-    "8UC3": ({"change": lambda image: np.dstack([image] * 3), "encoding": "8UC3"}, ""),
     "yuv422": ({"change": lambda image: np.dstack([image // 2, image]), "encoding": "yuv422"}, ""),
     "binning and region of interest": (SENSOR, ""),
 }
@@ -122,10 +121,9 @@ def test_rectified_images(bag, plain, tmp_path, capsys):
     assert summary["warnings"][0] in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("pattern", ["bayer_rggb8", "bayer_gbrg8"])
-def test_the_mosaic_of_a_sensor_is_tracked(bag, plain, tmp_path, pattern):
+def test_the_mosaic_of_a_sensor_is_tracked(bag, plain, tmp_path):
     """Demosaicing blurs grey images a little."""
-    _, summary = run(bag(encoding=pattern), tmp_path / "out")
+    _, summary = run(bag(encoding="bayer_rggb8"), tmp_path / "out")
     trajectory, expected = read_tum(tmp_path / "out" / "camera.tum"), tum(plain, tmp_path)
     assert summary["warnings"] == []
     assert summary["tracked"] >= len(expected) - 3

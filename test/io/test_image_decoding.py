@@ -151,8 +151,22 @@ def test_a_truncated_file_is_no_image(suffix, share):
         decode_compressed(data[: int(share * len(data))])
 
 
-def test_padding_after_a_jpeg_is_harmless():
-    assert decode_compressed(encode(".jpg", a_picture()) + bytes(500)).shape == (60, 80)
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_padding_after_a_file_is_harmless(suffix):
+    assert decode_compressed(encode(suffix, a_picture()) + bytes(500)).shape == (60, 80)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_nothing_but_the_error_tells_of_damaged_bytes(suffix, capfd):
+    """Libraries would write lines of their own to stderr."""
+    damaged = bytearray(encode(suffix, a_picture()))
+    if suffix == ".png":
+        damaged[len(damaged) // 2] ^= 0xFF
+    else:
+        damaged = damaged[: len(damaged) // 2]
+    with pytest.raises(FrameError, match=r"damaged image: a checksum in its|not a readable image"):
+        decode_compressed(bytes(damaged))
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("data", [b"", b"no image", b"\x89PNG IEND"])

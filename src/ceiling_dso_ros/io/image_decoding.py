@@ -2,6 +2,7 @@
 """Decodes grey images from the bytes of messages and files."""
 
 import re
+import zlib
 from contextlib import suppress
 from typing import Optional, Union
 
@@ -11,6 +12,10 @@ import numpy as np
 from ceiling_dso_ros.io.errors import FrameError
 from ceiling_dso_ros.io.image_encodings import BAYER_TO_GREY, ENCODINGS, KNOWN, finite_floats
 
+# What is wrong with an image is said once, by the caller: OpenCV would write to stderr for each of them.
+cv2.setLogLevel(0)  # silent
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # As stored: cameras that look up write any orientation into their files.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
@@ -69,6 +74,8 @@ def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") ->
     data = bytes(data)
     if _is_truncated(data):
         raise FrameError(f"truncated image: its {len(data)} bytes have no end mark")
+    if _is_damaged_png(data):
+        raise FrameError(f"damaged image: a checksum in its {len(data)} bytes is wrong")
     pattern = re.match("bayer_[a-z]{4}", image_format)
     flags = AS_STORED | (cv2.IMREAD_GRAYSCALE if pattern is None else cv2.IMREAD_ANYCOLOR)
     image: Optional[np.ndarray] = None
@@ -95,3 +102,18 @@ def _is_truncated(data: bytes) -> bool:
         start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
         return end_of_image <= start_of_scan
     return data.startswith(b"\x89PNG") and b"IEND" not in data
+
+
+def _is_damaged_png(data: bytes) -> bool:
+    """A chunk of a PNG has a wrong checksum; found here, because libpng writes to stderr for each of them."""
+    start = len(PNG_SIGNATURE)
+    if not data.startswith(PNG_SIGNATURE):
+        return False
+    while start + 12 <= len(data):  # length, name, content, checksum
+        end = start + 8 + int.from_bytes(data[start : start + 4], "big")
+        if zlib.crc32(data[start + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return True
+        if data[start + 4 : start + 8] == b"IEND":
+            return False
+        start = end + 4
+    return True
