@@ -44,8 +44,18 @@ def pictures():
 
 @pytest.fixture
 def tum_folder(tmp_path):
-    """A folder in the TUM-mono layout."""
-    folder = tmp_path / "tour"
+    """A folder in the TUM-mono layout, to be changed at will."""
+    return write_tum_folder(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def tum_folder_of_module(tmp_path_factory):
+    """The same for all tests of a file, which leave it as it is."""
+    return write_tum_folder(tmp_path_factory.mktemp("recording"))
+
+
+def write_tum_folder(parent):
+    folder = parent / "tour"
     (folder / "images").mkdir(parents=True)
     for index, picture in enumerate(pictures()):
         cv2.imwrite(str(folder / "images" / f"{index:05d}.png"), picture)

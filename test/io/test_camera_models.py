@@ -4,10 +4,8 @@ import re
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.camera_models import calibration_from_camera_info, read_camera_file
+from ceiling_dso_ros.io.camera_models import read_camera_file
 from ceiling_dso_ros.io.errors import InputError
-
-K = [425.3, 0.0, 427.6, 0.0, 424.9, 236.4, 0.0, 0.0, 1.0]
 
 
 def read(tmp_path, *lines):
@@ -128,55 +126,3 @@ def test_wrong_lines_are_named(tmp_path, lines, complaint):
 def test_a_camera_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'camera.txt'}: cannot read the file: No such file")):
         read_camera_file(tmp_path / "camera.txt")
-
-
-@pytest.mark.parametrize("D", [[], [0.0] * 5, np.zeros(8)])
-def test_camera_info_without_distortion_keeps_images(D):
-    calibration = calibration_from_camera_info(848, 480, "plumb_bob", D, K)
-    assert calibration.keeps_images
-    assert calibration.camera.parameters.tolist() == [425.3, 424.9, 427.6, 236.4]
-
-
-@pytest.mark.parametrize(
-    ("distortion_model", "D", "model"),
-    [
-        ("plumb_bob", [-0.28, 0.07, 0.001, -0.001, -0.01], "RadTan"),
-        ("plumb_bob", [-0.28, 0.07, 0.001, -0.001], "RadTan"),
-        ("rational_polynomial", [0.47, -2.6, 6e-4, -2e-4, 1.56, 0.35, -2.42, 1.48], "RadTan"),
-        ("equidistant", [-0.013, 0.042, -0.039, 0.007], "EquiDistant"),
-    ],
-)
-def test_camera_info_with_distortion_is_cropped(distortion_model, D, model):
-    calibration = calibration_from_camera_info(848, 480, distortion_model, D, np.reshape(K, (3, 3)))
-    assert (calibration.lens.model, calibration.lens.distortion) == (model, tuple(D))
-    assert not calibration.keeps_images
-    assert (calibration.camera.width, calibration.camera.height) == (848, 480)
-
-
-def test_rectified_images_are_those_of_P():
-    P = [400.0, 0, 420.0, -20.0, 0, 401.0, 240.0, 0, 0, 0, 1, 0]
-    calibration = calibration_from_camera_info(848, 480, "plumb_bob", [0.1] * 5, K, P, rectified=True)
-    assert calibration.keeps_images
-    assert calibration.camera.parameters.tolist() == [400.0, 401.0, 420.0, 240.0]
-
-
-@pytest.mark.parametrize(
-    ("changes", "complaint"),
-    [
-        ({"K": [float("nan")] * 9}, "/camera_info: a number of the camera is not finite; is the camera calibrated?"),
-        ({"K": [0.0] * 9}, "/camera_info: the focal lengths fx=0 fy=0 must be positive; is the camera calibrated?"),
-        ({"K": [1.0] * 8}, "/camera_info: K has 8 numbers instead of 9"),
-        ({"D": [float("nan")] * 5}, "/camera_info: a number of the camera is not finite"),
-        ({"D": [0.1] * 3}, "/camera_info: 3 coefficients in D instead of 4 or 5 for plumb_bob"),
-        (
-            {"distortion_model": "spline", "D": [0.1]},
-            "/camera_info: distortion model 'spline' is not known, only plumb_",
-        ),
-        ({"rectified": True}, "/camera_info: P has 0 numbers instead of 12"),
-        ({"width": 0}, "/camera_info: the image size 0x480 must be positive"),
-    ],
-)
-def test_camera_infos_of_no_camera(changes, complaint):
-    fields = {"width": 848, "height": 480, "distortion_model": "plumb_bob", "D": [], "K": K, **changes}
-    with pytest.raises(InputError, match=re.escape(complaint)):
-        calibration_from_camera_info(source="/camera_info", **fields)

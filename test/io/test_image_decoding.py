@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import re
+import struct
 
 import cv2
 import numpy as np
@@ -40,25 +41,80 @@ def test_sixteen_bit_grey_in_both_byte_orders(encoding, is_bigendian):
     np.testing.assert_array_equal(decoded, image)
 
 
-@pytest.mark.parametrize(
-    ("encoding", "order"), [("bgr8", "bgr"), ("rgb8", "rgb"), ("bgra8", "bgra"), ("rgba8", "rgba")]
-)
-def test_colour_becomes_luminance(encoding, order):
-    image = random_image(len(order))
-    data, step = rows_with_padding(image)
+OPENCVS_TYPES = {"8UC3": "bgr", "8UC4": "bgra", "16UC3": "bgr", "16UC4": "bgra"}
+COLOURS = [f"{order}{bits}" for order in ("bgr", "rgb", "bgra", "rgba") for bits in (8, 16)]
+
+
+@pytest.mark.parametrize("is_bigendian", [False, True])
+@pytest.mark.parametrize("encoding", [*COLOURS, *OPENCVS_TYPES])
+def test_colour_becomes_luminance(encoding, is_bigendian):
+    order, dtype = OPENCVS_TYPES.get(encoding, encoding.rstrip("168")), np.uint16 if "16" in encoding else np.uint8
+    image = random_image(len(order), dtype)
+    data, step = rows_with_padding(image.astype(np.dtype(dtype).newbyteorder(">" if is_bigendian else "<")))
     channel = {name: image[:, :, index].astype(float) for index, name in enumerate(order)}
     luminance = 0.299 * channel["r"] + 0.587 * channel["g"] + 0.114 * channel["b"]  # ITU-R BT.601
-    decoded = decode_image(encoding, HEIGHT, WIDTH, step, False, data)
-    assert decoded.dtype == np.uint8
-    np.testing.assert_allclose(decoded, luminance, atol=0.6)
+    decoded = decode_image(encoding, HEIGHT, WIDTH, step, is_bigendian, data)
+    assert decoded.dtype == dtype
+    np.testing.assert_allclose(decoded, luminance, atol=0.6 if dtype is np.uint8 else 5)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_the_mosaic_of_a_sensor_becomes_luminance(pattern, bits):
+    """One colour everywhere: what differs from pixel to pixel is the filter alone."""
+    dtype = np.uint8 if bits == 8 else np.uint16
+    colour = {name: value << (bits - 8) for name, value in (("r", 200), ("g", 120), ("b", 30))}
+    mosaic = np.empty((HEIGHT, WIDTH), dtype)
+    for index, name in enumerate(pattern):
+        mosaic[index // 2 :: 2, index % 2 :: 2] = colour[name]
+    data, step = rows_with_padding(mosaic)
+    decoded = decode_image(f"bayer_{pattern}{bits}", HEIGHT, WIDTH, step, False, data)
+    assert decoded.dtype == dtype
+    luminance = 0.299 * colour["r"] + 0.587 * colour["g"] + 0.114 * colour["b"]
+    np.testing.assert_allclose(decoded, luminance, atol=1.1 if bits == 8 else 20)
+
+
+@pytest.mark.parametrize(("encoding", "first"), [("yuv422", 1), ("uyvy", 1), ("yuv422_yuy2", 0), ("yuyv", 0)])
+def test_luminance_between_colours(encoding, first):
+    pairs = random_image(2)
+    data, step = rows_with_padding(pairs)
+    np.testing.assert_array_equal(decode_image(encoding, HEIGHT, WIDTH, step, False, data), pairs[:, :, first])
+
+
+@pytest.mark.parametrize("encoding", ["nv12", "nv21", "nv24"])
+def test_luminance_before_colours(encoding):
+    image = random_image(1)
+    data, step = rows_with_padding(image)
+    colours = b"\x80" * (step * HEIGHT // 2)
+    np.testing.assert_array_equal(decode_image(encoding, HEIGHT, WIDTH, step, False, data + colours), image)
+
+
+@pytest.mark.parametrize("is_bigendian", [False, True])
+@pytest.mark.parametrize(("encoding", "dtype"), [("32FC1", np.float32), ("64FC1", np.float64)])
+def test_floats(encoding, dtype, is_bigendian):
+    image = np.random.default_rng(2).uniform(0, 1, (HEIGHT, WIDTH)).astype(np.float32)
+    data, step = rows_with_padding(image.astype(np.dtype(dtype).newbyteorder(">" if is_bigendian else "<")))
+    decoded = decode_image(encoding, HEIGHT, WIDTH, step, is_bigendian, data)
+    assert decoded.dtype == np.float32
+    np.testing.assert_array_equal(decoded, image)
+
+
+def test_a_depth_image_is_none_of_a_camera():
+    image = np.full((HEIGHT, WIDTH), 2.5, np.float32)
+    image[2, 3] = np.nan
+    with pytest.raises(FrameError, match="pixels that are not finite, as depth images have"):
+        decode_image("32FC1", HEIGHT, WIDTH, 4 * WIDTH, False, image.tobytes())
+    with pytest.raises(FrameError, match="pixels that are not finite, as depth images have"):
+        decode_compressed(encode(".tiff", image))
 
 
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"encoding": "bayer_rggb8"}, "image encoding 'bayer_rggb8' is not one of mono8, 8UC1, mono16, 16UC1, bgr8"),
+        ({"encoding": "8SC1"}, "image encoding '8SC1' cannot be read as grey; those that can: mono, rgb, bgr"),
         ({"data": bytes(59)}, "truncated image: 59 bytes instead of 60"),
         ({"step": 9}, "an image of 10x6 mono8 cannot have rows of 9 bytes"),
+        ({"encoding": "bgr16", "step": 59}, "an image of 10x6 bgr16 cannot have rows of 59 bytes"),
         ({"height": 0}, "an image of 10x0 mono8 cannot have rows of 10 bytes"),
     ],
 )
@@ -95,11 +151,61 @@ def test_a_truncated_file_is_no_image(suffix, share):
         decode_compressed(data[: int(share * len(data))])
 
 
-def test_padding_after_a_jpeg_is_harmless():
-    assert decode_compressed(encode(".jpg", a_picture()) + bytes(500)).shape == (60, 80)
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_padding_after_a_file_is_harmless(suffix):
+    assert decode_compressed(encode(suffix, a_picture()) + bytes(500)).shape == (60, 80)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_nothing_but_the_error_tells_of_damaged_bytes(suffix, capfd):
+    """Libraries would write lines of their own to stderr."""
+    damaged = bytearray(encode(suffix, a_picture()))
+    if suffix == ".png":
+        damaged[len(damaged) // 2] ^= 0xFF
+    else:
+        damaged = damaged[: len(damaged) // 2]
+    with pytest.raises(FrameError, match=r"damaged image: a checksum in its|not a readable image"):
+        decode_compressed(bytes(damaged))
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("data", [b"", b"no image", b"\x89PNG IEND"])
 def test_bytes_of_no_image(data):
     with pytest.raises(FrameError, match=rf"not a readable image \({len(data)} bytes\)"):
         decode_compressed(data)
+
+
+def with_orientation(jpeg, orientation):
+    """A JPEG whose EXIF says how it is to be turned."""
+    entry = struct.pack("<HHIHH", 0x0112, 3, 1, orientation, 0)
+    exif = b"Exif\0\0II*\0" + struct.pack("<IH", 8, 1) + entry + struct.pack("<I", 0)
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + jpeg[2:]
+
+
+@pytest.mark.parametrize("image_format", ["jpeg", "bayer_rggb8; jpeg compressed "])
+def test_the_orientation_in_a_file_does_not_turn_the_image(image_format):
+    jpeg = encode(".jpg", a_picture())
+    turned = with_orientation(jpeg, 6)
+    assert cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_GRAYSCALE).shape == (80, 60), "it says so"
+    np.testing.assert_array_equal(decode_compressed(turned, image_format), decode_compressed(jpeg, image_format))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_compressed_mosaic_is_that_of_the_sensor(dtype):
+    """image_transport compresses it as it is, unless it has converted it to colours."""
+    mosaic = a_picture(dtype)
+    decoded = decode_compressed(encode(".png", mosaic), f"bayer_grbg{8 * mosaic.itemsize}; png compressed ")
+    np.testing.assert_array_equal(decoded, cv2.cvtColor(mosaic, cv2.COLOR_BayerGB2GRAY))
+    colour = decode_compressed(encode(".png", np.dstack([mosaic] * 3)), "bayer_grbg8; png compressed bgr8")
+    np.testing.assert_array_equal(colour, mosaic)
+
+
+def test_float_files():
+    image = (a_picture() / np.float32(255)).astype(np.float32)
+    np.testing.assert_array_equal(decode_compressed(encode(".tiff", image)), image)
+
+
+def test_a_compressed_depth_image_is_refused():
+    data = b"\0" * 12 + encode(".png", a_picture(np.uint16))
+    with pytest.raises(FrameError, match="a compressedDepth image is a depth image, not one of a camera"):
+        decode_compressed(data, "16UC1; compressedDepth png")

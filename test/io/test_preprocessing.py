@@ -2,8 +2,10 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
+from ceiling_dso_ros.io.camera_info import calibration_from_camera_info
+from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.grey_range import GreyRange
 from ceiling_dso_ros.io.image_scaling import scaled_camera
 from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.io.output_camera import crop_camera
@@ -41,8 +43,8 @@ def test_the_vignette_belongs_to_the_raw_image():
     ("raw", "complaint"),
     [
         (np.zeros((60, 80), np.uint8), "the image is 80x60, but the calibration is for 160x120"),
-        (np.zeros((120, 160), np.float32), r"must be \(height, width\) uint8 or uint16, not \(120, 160\) float32"),
-        (np.zeros((120, 160, 3), np.uint8), r"must be \(height, width\) uint8 or uint16, not \(120, 160, 3\) uint8"),
+        (np.zeros((120, 160), np.int16), r"must be \(height, width\) uint8, uint16 or float32, not \(120, 160\) int16"),
+        (np.zeros((120, 160, 3), np.uint8), r"must be \(height, width\) uint8, uint16 or float32, not \(120, 160, 3\)"),
     ],
 )
 def test_other_images_are_refused(raw, complaint):
@@ -70,3 +72,23 @@ def test_the_calibrations_own_size_leaves_the_image_as_it_is():
 def test_a_size_that_is_too_large_is_refused():
     with pytest.raises(InputError, match="320x240 is larger than the images, 160x120"):
         ImagePreprocessor(PINHOLE, size=(320, 240))
+
+
+def test_the_middle_is_left_of_cropped_images():
+    lens = LensCamera("RadTan", 100, 100, 80, 60, (-0.2, 0.0, 0.0, 0.0), 160, 120)
+    calibration = CameraCalibration(lens, crop_camera(lens, 159, 119))
+    raw = np.random.default_rng(1).integers(0, 256, (120, 160), dtype=np.uint8)
+    whole, cropped = ImagePreprocessor(calibration), ImagePreprocessor(calibration, crop=(152, 112))
+    np.testing.assert_array_equal(cropped(raw), whole(raw)[3:115, 3:155])
+    camera = cropped.camera
+    assert (camera.width, camera.height, camera.fx) == (152, 112, whole.camera.fx)
+    assert (camera.cx, camera.cy) == (whole.camera.cx - 3, whole.camera.cy - 3)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("given", [False, True])
+def test_images_of_any_depth_become_the_same(bits, given):
+    eight = np.random.default_rng(1).integers(0, 256, (120, 160), dtype=np.uint8)
+    raw = eight.astype(np.uint16) << (bits - 8)
+    preprocess = ImagePreprocessor(PINHOLE, grey_range=GreyRange(bits if given else 0))
+    np.testing.assert_array_equal(preprocess(raw), eight)

@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.camera_models import calibration_from_camera_info
+from ceiling_dso_ros.io.camera_info import calibration_from_camera_info
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.recording import Frame, ListedImage, Recording, SkippedFrame, TopicNames

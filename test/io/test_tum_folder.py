@@ -200,3 +200,23 @@ def test_ticks_of_no_wheels(tum_folder, text, complaint):
     (tum_folder / "encoders.csv").write_text(text)
     with pytest.raises(InputError, match=re.escape(f"{tum_folder}/encoders.csv{complaint}")):
         _ = open_recording(tum_folder).wheels
+
+
+def test_an_image_that_is_listed_twice_is_used_once(tum_folder):
+    """The image was taken at one of the times: the other would be that of another pose."""
+    with (tum_folder / "times.txt").open("a") as times:
+        times.write("2 1700000001.600042017 5.0\n00005 1700000001.700042017 5.0\n")
+    frames = list(open_recording(tum_folder).frames())
+    assert [isinstance(frame, Frame) for frame in frames] == [True] * 6 + [False] * 2
+    assert frames[6].reason == f"{tum_folder}/images/00002.png: times.txt lists the image twice; frame skipped"
+
+
+def test_float_images(tum_folder):
+    for path in sorted((tum_folder / "images").glob("*.png")):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(path.with_suffix(".tif")), picture.astype(np.float32) / 255)
+        path.unlink()
+    frames = list(open_recording(tum_folder).frames())
+    assert len(frames) == 6
+    assert {frame.image.dtype for frame in frames} == {np.dtype(np.float32)}
+    assert 0.8 < frames[0].image.max() <= 1.0

@@ -3,7 +3,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
+from ceiling_dso_ros.io.camera_info import calibration_from_camera_info
+from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
 from ceiling_dso_ros.io.undistortion import Undistorter, undistortion_maps

@@ -9,8 +9,10 @@ from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.io.warning_log import WarningLog
 from ceiling_dso_ros.playback.playback import Playback
 from ceiling_dso_ros.playback.visual_run import VisualRun
 
@@ -29,9 +31,9 @@ class FakeOdometry:
         index = len(self.seen)
         self.seen.append((image, stamp_ns, exposure_ms))
         if index < 2:
-            return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, 0)
+            return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, 0, message=f"first {index}")
         if index == 6:
-            return OdometryStatus(stamp_ns, TrackingState.LOST, 0)
+            return OdometryStatus(stamp_ns, TrackingState.LOST, 0, message="lost")
         segment, keyframe_id = int(index > 6), index // 3
         T_world_camera, T_keyframe_camera, T_world_keyframe = (np.eye(4) for _ in range(3))
         T_world_camera[0, 3], T_keyframe_camera[0, 3] = index, index - 3 * keyframe_id
@@ -67,7 +69,7 @@ class InterruptedOdometry(FakeOdometry):
 
 
 def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
-    playback = Playback(VisualRun(lambda image: image + 100.0, InterruptedOdometry()), print)
+    playback = Playback(VisualRun(lambda image: image + 100.0, InterruptedOdometry()), WarningLog(print))
     with pytest.raises(KeyboardInterrupt):
         playback.play(frames(6))
     assert playback.summary()["frames"] == 4
@@ -75,14 +77,14 @@ def test_an_interrupt_waits_for_the_end_of_the_frame(interruptible):
 
 def playback_of(stream):
     warnings = []
-    playback = Playback(VisualRun(lambda image: image + 100.0, FakeOdometry()), warnings.append)
+    playback = Playback(VisualRun(lambda image: image + 100.0, FakeOdometry()), WarningLog(warnings.append))
     playback.play(stream)
     return playback, warnings
 
 
 def test_every_frame_reaches_the_odometry_after_preprocessing():
     odometry = FakeOdometry()
-    Playback(VisualRun(lambda image: image + 100.0, odometry), print).play(frames(4))
+    Playback(VisualRun(lambda image: image + 100.0, odometry), WarningLog(print)).play(frames(4))
     assert [stamp_ns for _, stamp_ns, _ in odometry.seen] == [0, 10**9, 2 * 10**9, 3 * 10**9]
     assert [exposure_ms for _, _, exposure_ms in odometry.seen] == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert [image[0, 0] for image, _, _ in odometry.seen] == [100.0, 101.0, 102.0, 103.0]
@@ -117,13 +119,13 @@ class PredictedOdometry(FakeOdometry):
 
 def test_the_wheels_predict_the_motion_since_the_last_pose_when_asked_to():
     odometry = PredictedOdometry()
-    Playback(VisualRun(lambda image: image, odometry), print, Wheels(), predict=True).play(frames(8))
+    Playback(VisualRun(lambda image: image, odometry), WarningLog(print), Wheels(), predict=True).play(frames(8))
     assert odometry.predictions[:3] == [None] * 3
     since_pose = [prediction.T_start_end[0, 3] for prediction in odometry.predictions[3:]]
     assert since_pose == [1.0, 1.0, 1.0, 1.0, 2.0]  # the last but one has no pose
 
     unasked = PredictedOdometry()
-    Playback(VisualRun(lambda image: image, unasked), print, Wheels()).play(frames(3))
+    Playback(VisualRun(lambda image: image, unasked), WarningLog(print), Wheels()).play(frames(3))
     assert unasked.predictions == [None, None, None]
 
 
@@ -136,10 +138,33 @@ def test_summary_counts():
 
 
 def test_skipped_frames_are_warned_of_and_counted_apart():
-    bad = SkippedFrame(1_500_000_000, "00002.png: truncated; frame skipped")
-    playback, warnings = playback_of([*frames(2), bad, Frame(2 * 10**9, None, np.zeros((2, 3), np.uint8))])
-    assert warnings == playback.summary()["warnings"] == ["00002.png: truncated; frame skipped"]
-    assert playback.summary()["frames"] == 3
+    bad = [SkippedFrame(1_500_000_000 + n, f"0000{n}.png: truncated; frame skipped", "truncated") for n in range(3)]
+    playback, warnings = playback_of([*frames(2), *bad, Frame(2 * 10**9, None, np.zeros((2, 3), np.uint8))])
+    assert warnings == ["00000.png: truncated; frame skipped"]
+    summary = playback.summary()
+    assert summary["warnings"] == ["00000.png: truncated; frame skipped ... and 2 more"]
+    assert (summary["frames"], summary["skipped"]) == (3, 3)
+
+
+def test_when_no_frame_can_be_used_the_first_reason_is_the_error():
+    bad = [SkippedFrame(None, f"message {n}: bad size; frame skipped", "bad size") for n in range(159)]
+    warnings = []
+    playback = Playback(VisualRun(lambda image: image, FakeOdometry()), WarningLog(warnings.append))
+    with pytest.raises(InputError, match="none of the 159 images can be used; the first: message 0: bad size"):
+        playback.play(bad)
+    assert warnings == []
+    with pytest.raises(InputError, match="there are no images"):
+        Playback(VisualRun(lambda image: image, FakeOdometry()), WarningLog(print)).play([])
+
+
+def test_frames_that_are_skipped_before_the_first_are_warned_of_too():
+    bad = SkippedFrame(None, "message 1: bad size; frame skipped", "bad size")
+    assert playback_of([bad, *frames(1)])[1] == ["message 1: bad size; frame skipped"]
+
+
+def test_the_most_frequent_reason_for_frames_without_a_pose():
+    playback, _ = playback_of(frames(9))
+    assert playback.why_untracked() == ("first 0", 2)
 
 
 def test_files(tmp_path, read_ply):
@@ -170,7 +195,7 @@ def test_what_was_computed_before_a_failure_can_be_written(tmp_path):
         yield from frames(5)
         raise OSError("gone")
 
-    playback = Playback(VisualRun(lambda image: image, FakeOdometry()), print)
+    playback = Playback(VisualRun(lambda image: image, FakeOdometry()), WarningLog(print))
     with pytest.raises(OSError, match="gone"):
         playback.play(breaking())
     playback.write(tmp_path, "failed: gone")
@@ -179,7 +204,7 @@ def test_what_was_computed_before_a_failure_can_be_written(tmp_path):
 
 
 def test_a_run_without_any_frame_still_writes_its_files(tmp_path, read_ply):
-    Playback(VisualRun(lambda image: image, FakeOdometry()), print).write(tmp_path, "interrupted")
+    Playback(VisualRun(lambda image: image, FakeOdometry()), WarningLog(print)).write(tmp_path, "interrupted")
     assert (tmp_path / "camera.tum").read_text() == ""
     assert read_ply(tmp_path / "map.ply")["x"] == []
     assert json.loads((tmp_path / "summary.json").read_text())["ms"]["all"]["mean"] is None

@@ -10,6 +10,7 @@ import numpy as np
 import rospy
 import rostest
 from dso_node_player import Player, image_message
+from sensor_msgs.msg import RegionOfInterest
 from waiting import wait_until
 
 from ceiling_dso_ros.msg import VisualOdometryStatus
@@ -57,11 +58,15 @@ class DsoNodeMechanics(unittest.TestCase):
         )
 
     def test_wrong_parameters_are_refused_in_one_line(self):
-        for parameter, complaint in [
-            ("_calibration:=/nowhere/camera.txt", "/nowhere/camera.txt"),
-            ("_image_transport:=pigeon", "image_transport=pigeon: raw or compressed"),
-        ]:
-            command = ["rosrun", "ceiling_dso_ros", "dso_node", "__name:=refused", parameter]
+        for number, (parameter, complaint) in enumerate(
+            [
+                ("_calibration:=/nowhere/camera.txt", "/nowhere/camera.txt"),
+                ("_image_transport:=pigeon", "image_transport=pigeon: raw or compressed"),
+                ("_bit_depth:=17", "bit_depth 17: 8 to 16, or 0 to find it from the images"),
+            ]
+        ):
+            # Parameters outlast a node.
+            command = ["rosrun", "ceiling_dso_ros", "dso_node", f"__name:=refused_{number}", parameter]
             node = subprocess.run(command, capture_output=True, text=True, timeout=60)
             self.assertEqual(node.returncode, 2)
             self.assertIn(complaint, node.stderr)
@@ -92,6 +97,45 @@ class DsoNodeMechanics(unittest.TestCase):
 
     def test_image_of_another_size(self):
         self.assert_skipped(self.next_image(PIXELS[:240, :424].copy()), "424x240")
+
+    def play_until(self, state, pixels, text=""):
+        """Play images of the same kind until one has that state; camera_info comes over another connection."""
+        status = None
+
+        def is_reached():
+            nonlocal status
+            status = self.player.play(self.next_image(pixels))
+            return status.state == state and text in status.message
+
+        wait_until(is_reached, lambda: f"{status.state}: {status.message}")
+
+    def test_sizes_and_cameras_may_change_and_may_be_any(self):
+        """423x239 is cropped, 120x100 is too small, and the sensor of 848x480 is also given with binning."""
+        try:
+            for size, state, text in (
+                ((423, 239), VisualOdometryStatus.INITIALIZING, "first frame of a segment"),
+                ((120, 100), VisualOdometryStatus.WAITING, "images of 120x100 pixels: too small to be tracked"),
+            ):
+                self.player.calibrate(*size, 425.0, 425.0, size[0] / 2, size[1] / 2)
+                self.play_until(state, PIXELS[: size[1], : size[0]].copy(), text)
+            roi = RegionOfInterest(x_offset=100, y_offset=50, width=2 * WIDTH, height=2 * HEIGHT)
+            self.player.calibrate(2000, 1200, 850.0, 850.0, 948.5, 530.5, binning_x=2, binning_y=2, roi=roi)
+            self.play_until(VisualOdometryStatus.INITIALIZING, PIXELS, "first frame of a segment")
+        finally:
+            self.player.calibrate(*CAMERA)
+            self.play_until(VisualOdometryStatus.INITIALIZING, PIXELS)
+
+    def test_encodings(self):
+        for encoding, pixels in (
+            ("bayer_rggb8", PIXELS),
+            ("mono16", PIXELS.astype(np.uint16) << 4),
+            ("8UC3", np.dstack([PIXELS] * 3)),
+            ("32FC1", PIXELS.astype(np.float32)),
+        ):
+            self.next_image()
+            rejected = self.player.statuses[-1].rejected
+            status = self.player.play(image_message(pixels, self.now_ns, encoding))
+            self.assertEqual((status.rejected, status.state), (rejected, VisualOdometryStatus.INITIALIZING), encoding)
 
     def test_no_stamp(self):
         image = self.next_image()

@@ -14,10 +14,10 @@ from ceiling_dso_ros.msg import Exposure, Keyframes, VisualOdometryStatus
 TIMEOUT_S = 120.0  # the first image may have to wait for compilation
 
 
-def image_message(pixels, stamp_ns):
-    """mono8 sensor_msgs/Image of (H, W) uint8."""
-    height, width = pixels.shape
-    return Image(_header(stamp_ns), height, width, "mono8", 0, width, pixels.tobytes())
+def image_message(pixels, stamp_ns, encoding="mono8"):
+    """sensor_msgs/Image of (H, W) or (H, W, channels)."""
+    height, width = pixels.shape[:2]
+    return Image(_header(stamp_ns), height, width, encoding, 0, pixels.nbytes // height, pixels.tobytes())
 
 
 def compressed_message(data, stamp_ns):
@@ -60,12 +60,11 @@ class Player:
         self.wait_for_statuses(count + 1)
         return self.statuses[-1]
 
-    def calibrate(self, width, height, fx, fy, cx, cy):
-        """Publish the camera_info of a pinhole."""
+    def calibrate(self, width, height, fx, fy, cx, cy, **fields):
+        """Publish the camera_info of a pinhole, with further fields."""
         K = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
-        self._camera_info.publish(
-            CameraInfo(width=width, height=height, K=K, distortion_model="plumb_bob", D=[0.0] * 5)
-        )
+        fields = {"distortion_model": "plumb_bob", "D": [0.0] * 5, **fields}
+        self._camera_info.publish(CameraInfo(width=width, height=height, K=K, **fields))
 
     def wait_for_statuses(self, count):
         """Wait until that many statuses have arrived."""

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
 
 from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.dso import OdometryConfig
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.io.warning_log import WarningLog
 
 Report = Tuple[Dict[str, Any], str]  # what is written, and what is printed
 
@@ -25,7 +27,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         description="Track a recording several times without dropping frames, and print the median times in "
         "milliseconds and in a unit that hardly depends on the machine.",
     )
-    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    add_recording_options(parser)
     parser.add_argument("--repeats", metavar="N", type=int, default=3, help="passes over the recording (default 3)")
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument(
@@ -54,7 +56,7 @@ def execute(options: argparse.Namespace) -> None:
 
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
-    from ceiling_dso_ros.io.opening import open_recording
+    from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.benchmark import read_reference
     from ceiling_dso_ros.settings import load_settings
 
@@ -64,59 +66,68 @@ def execute(options: argparse.Namespace) -> None:
         raise InputError(f"--live {options.live}: above 0")
     reference = read_reference(options.vs) if options.vs is not None else None
     config = load_settings(options.config, options.overrides, OdometryConfig)
-    recording = open_recording(options.input)
+    warnings = WarningLog(warn)
+    recording = open_with(options, warnings)
     if options.out is not None:
         with output_folder(options.out):  # detect errors before the measurement, not after it
             pass
     load_kernels(tqdm.write)
     if options.live is not None:
-        result, text = _measure_live(recording, config, options.live)
+        result, text = _measure_live(recording, config, options, warnings)
     else:
-        result, text = _measure(recording, config, options.repeats, reference)
+        result, text = _measure(recording, config, options, warnings, reference)
     if options.out is not None:
         (options.out / "benchmark.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
     print(text)
 
 
-def _measure(recording: "Recording", config: "OdometryConfig", repeats: int, reference: Optional[dict]) -> Report:
+def _measure(
+    recording: "Recording",
+    config: "OdometryConfig",
+    options: argparse.Namespace,
+    warnings: "WarningLog",
+    reference: Optional[dict],
+) -> Report:
     """Several runs without dropping frames."""
     from tqdm import tqdm
 
+    from ceiling_dso_ros.io.warning_log import WarningLog, ignore_warning
     from ceiling_dso_ros.playback.benchmark import describe, run_once, summarize
     from ceiling_dso_ros.playback.playback import Playback
-    from ceiling_dso_ros.playback.visual_run import VisualRun
 
     runs = []
-    for _ in tqdm(range(repeats), unit="pass", disable=None):
-        playback = Playback(VisualRun.of(recording, config), tqdm.write)
+    for number in tqdm(range(options.repeats), unit="pass", disable=None):
+        told = warnings if number == 0 else WarningLog(ignore_warning)  # the others would repeat it all
+        playback = Playback(visual_run(recording, config, options.bits, told), told)
         runs.append(run_once(playback, recording.frames()))
+    warnings.end()
     result = summarize(runs)
     return result, describe(result, reference)
 
 
-def _measure_live(recording: "Recording", config: "OdometryConfig", rate: float) -> Report:
+def _measure_live(
+    recording: "Recording", config: "OdometryConfig", options: argparse.Namespace, warnings: "WarningLog"
+) -> Report:
     """One run in real time or faster, with the mapping in its own thread; all images are read first."""
-    from tqdm import tqdm
-
     from ceiling_dso_ros.dso import OdometryStatus
     from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler
     from ceiling_dso_ros.io.recording import Frame, SkippedFrame
     from ceiling_dso_ros.playback.live_benchmark import describe, play_live
-    from ceiling_dso_ros.playback.visual_run import VisualRun
 
     frames = []
     for frame in recording.frames():
         if isinstance(frame, SkippedFrame):
-            tqdm.write(frame.reason)
+            warnings.add(frame.reason, frame.kind)
         else:
             frames.append(frame)
+    warnings.end()
     if len(frames) < 2:
         raise InputError(f"{len(frames)} usable images: a benchmark needs at least 2")
     with closing(LiveScheduler()) as scheduler:
-        visual = VisualRun.of(recording, config, scheduler)
+        visual = visual_run(recording, config, options.bits, warnings, scheduler)
 
         def track(frame: Frame) -> OdometryStatus:
             return visual.track(frame.image, frame.stamp_ns, frame.exposure_ms).status
 
-        result = play_live(frames, track, rate).summary()
+        result = play_live(frames, track, options.live).summary()
     return result, describe(result)

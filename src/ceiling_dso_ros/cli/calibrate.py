@@ -5,12 +5,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Iterator
 
+from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, warn
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.dso import OdometryStatus
     from ceiling_dso_ros.fusion.calibration import Calibration
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.io.warning_log import WarningLog
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -22,13 +24,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "base from a recording with camera and wheels. Record one minute with turns in both directions and straight "
         "parts. The height of the camera and the mean wheel radius cannot be estimated and keep their values.",
     )
-    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    add_recording_options(parser)
     parser.add_argument("--out", metavar="robot.yaml", type=Path, required=True, help="output file")
-    parser.add_argument(
-        "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
-    )
     parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions to use instead of the recording's")
-    parser.add_argument("--image-topic", metavar="TOPIC", help="image topic of a bag (default /camera/up/image_raw)")
     parser.set_defaults(execute=execute)
 
 
@@ -44,13 +42,12 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.fusion.calibration_data import camera_poses
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
-    from ceiling_dso_ros.io.opening import open_recording
-    from ceiling_dso_ros.io.recording import TopicNames
+    from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import robot_model
     from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
-    topics = TopicNames() if options.image_topic is None else TopicNames(image=options.image_topic)
-    recording = open_recording(options.input, topics, camera_file=options.camera, robot_file=options.robot)
+    warnings = WarningLog(warn)
+    recording = open_with(options, warnings)
     wheels, description = recording.wheels, recording.robot
     if wheels is None or len(wheels) < 2:
         raise InputError(f"{options.input}: has no wheel encoders; give it joint_states, ticks or encoders.csv")
@@ -59,7 +56,7 @@ def execute(options: argparse.Namespace) -> None:
     try:
         robot = robot_model(description)
         steps = list(wheel_steps(wheels, WheelOdometry(robot, WheelConfig())))
-        calibration = calibrate(steps, camera_poses(_track(recording)), robot)
+        calibration = calibrate(steps, camera_poses(_track(recording, options.bits, warnings)), robot)
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
     print(_table(calibration))
@@ -69,7 +66,7 @@ def execute(options: argparse.Namespace) -> None:
         raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
 
 
-def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
+def _track(recording: "Recording", bits: int, warnings: "WarningLog") -> Iterator["OdometryStatus"]:
     """Track all readable images; yields their statuses."""
     from tqdm import tqdm
 
@@ -78,11 +75,14 @@ def _track(recording: "Recording") -> Iterator["OdometryStatus"]:
     from ceiling_dso_ros.playback.visual_run import VisualRun
 
     load_kernels(tqdm.write)
-    visual = VisualRun.of(recording)
+    visual = VisualRun.of(recording, bits=bits, tell=warnings.add)
     with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
         for frame in frames:
             if isinstance(frame, Frame):
                 yield visual.track(frame.image, frame.stamp_ns, frame.exposure_ms).status
+            else:
+                warnings.add(frame.reason, frame.kind)
+    warnings.end()
 
 
 def _table(calibration: "Calibration") -> str:

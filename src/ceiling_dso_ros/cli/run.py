@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Optional
 
 from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import was_interrupt
 
 if TYPE_CHECKING:
-    from ceiling_dso_ros.dso import OdometryConfig
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
-    from ceiling_dso_ros.playback.visual_run import VisualRun
+    from ceiling_dso_ros.playback.playback import Playback
 
 FUSION_PREFIX = "fusion."  # of the fusion's settings among all
 
@@ -29,17 +30,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "timing.csv, config.yaml and summary.json into DIR. If the recording has wheels, also write wheel.tum, "
         "fused.tum, fused_smoothed.tum and fusion.yaml. All files are also written after an interruption.",
     )
-    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    add_recording_options(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")
-    parser.add_argument(
-        "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
-    )
     parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions to use instead of the recording's")
-    parser.add_argument("--image-topic", metavar="TOPIC", help="image topic of a bag (default /camera/up/image_raw)")
-    parser.add_argument(
-        "--camera-info-topic", metavar="TOPIC", help="default: camera_info in the namespace of the images"
-    )
-    parser.add_argument("--exposure-topic", metavar="TOPIC", help="default: exposure in the namespace of the images")
     parser.add_argument("--size", metavar="WxH", help="scale the images down to this size (default: original size)")
     parser.add_argument(
         "--fps", metavar="N", type=float, default=0.0, help="largest number of images used per second (default: all)"
@@ -80,6 +73,8 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
+    from ceiling_dso_ros.io.image_scaling import parse_image_size
+    from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, write_settings
 
@@ -91,9 +86,11 @@ def execute(options: argparse.Namespace) -> None:
     fusion_config = load_settings(
         options.fusion_config, [text[len(FUSION_PREFIX) :] for text in of_fusion], FusionConfig
     )
-    recording = _open_recording(options)
-    visual = _visual_run(recording, config, options.size)
-    fusion = _fusion(recording, fusion_config)
+    warnings = WarningLog(warn)
+    recording = open_with(options, warnings)
+    size = None if options.size is None else parse_image_size(options.size, "--size")
+    visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
+    fusion = _fusion(recording, fusion_config, warnings)
     if options.predict and fusion is None:
         raise InputError(f"{recording.path}: --predict needs wheels and the robot's dimensions")
     with output_folder(options.out) as folder:
@@ -102,52 +99,25 @@ def execute(options: argparse.Namespace) -> None:
             write_settings(folder / "fusion.yaml", fusion_config)
 
     load_kernels(lambda message: print(message, file=sys.stderr))
-    playback = Playback(visual, _warn, fusion, options.predict)
+    playback = Playback(visual, warnings, fusion, options.predict)
     end = "complete"
     try:
         # disable=None: no bar where stderr is no terminal
         total = None if options.fps else len(recording)
         with tqdm(recording.frames(options.fps), total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
+        _explain_missing_poses(playback, recording, fusion is not None)
     except BaseException as error:
         end = "interrupted" if was_interrupt(error) else f"failed: {type(error).__name__}: {error}"
         raise
     finally:
-        playback.write(options.out, end)
-        print(_describe(playback.summary(), options.out))
+        warnings.end()
+        if len(playback.timing):
+            playback.write(options.out, end)
+            print(_describe(playback.summary(), options.out))
 
 
-def _open_recording(options: argparse.Namespace) -> "Recording":
-    from ceiling_dso_ros.io.opening import open_recording
-    from ceiling_dso_ros.io.recording import TopicNames
-
-    topics = {
-        "image": options.image_topic,
-        "camera_info": options.camera_info_topic,
-        "exposure": options.exposure_topic,
-    }
-    return open_recording(
-        options.input,
-        TopicNames(**{name: topic for name, topic in topics.items() if topic is not None}),
-        camera_file=options.camera,
-        robot_file=options.robot,
-    )
-
-
-def _visual_run(recording: "Recording", config: "OdometryConfig", size: Optional[str]) -> "VisualRun":
-    """Odometry for the recording's images, scaled if wanted. Called first, so that a wrong size is found early."""
-    from ceiling_dso_ros.dso import ConfigError
-    from ceiling_dso_ros.io.image_scaling import parse_image_size
-    from ceiling_dso_ros.playback.visual_run import VisualRun
-
-    asked_for = None if size is None else parse_image_size(size, "--size")
-    try:
-        return VisualRun.of(recording, config, size=asked_for)
-    except (ConfigError, InputError) as error:
-        raise InputError(f"{recording.path}: {error}") from error
-
-
-def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionPlayback"]:
+def _fusion(recording: "Recording", config: "FusionConfig", warnings: "WarningLog") -> Optional["FusionPlayback"]:
     """The fusion of a run, None without wheels. Called before the run, so that errors in robot.yaml are found early."""
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
@@ -156,7 +126,7 @@ def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionP
     if wheels is None:
         return None
     if robot is None:
-        _warn(f"{recording.path}: the wheels are not used because the robot's dimensions are unknown; give --robot")
+        warnings.add(f"{recording.path}: the wheels are not used: the robot's dimensions are unknown; give --robot")
         return None
     try:
         return FusionPlayback(wheels, robot_model(robot), config)
@@ -164,10 +134,23 @@ def _fusion(recording: "Recording", config: "FusionConfig") -> Optional["FusionP
         raise InputError(f"{recording.path}: {error}") from error
 
 
-def _warn(message: str) -> None:
-    from tqdm import tqdm
+def _explain_missing_poses(playback: "Playback", recording: "Recording", has_wheels: bool) -> None:
+    """Say why less than half of the images have a pose.
 
-    tqdm.write(f"warning: {message}", file=sys.stderr)
+    Raises:
+        InputError: none has one, and there are no wheels: all trajectories are empty.
+    """
+    summary = playback.summary()
+    if 2 * summary["tracked"] >= summary["frames"]:
+        return
+    reason, count = playback.why_untracked()
+    text = (
+        f"{recording.path}: {summary['tracked']} of {summary['frames']} images have a pose; "
+        f"the most frequent reason ({count} images): {reason}"
+    )
+    if summary["tracked"] == 0 and not has_wheels:
+        raise InputError(text)
+    playback.warnings.add(text)
 
 
 def _describe(summary: dict, directory: Path) -> str:
@@ -175,7 +158,7 @@ def _describe(summary: dict, directory: Path) -> str:
     parts = [
         f"{summary['tracked']} of {summary['frames']} frames tracked",
         f"{summary['lost']} lost",
-        f"{len(summary['warnings'])} skipped",
+        f"{summary['skipped']} skipped",
         f"{summary['keyframes']} keyframes",
     ]
     if segments > 1:

@@ -1,21 +1,30 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Recordings in ROS 1 bags, read without ROS."""
 
+from contextlib import suppress
 from functools import cached_property, partial
+from itertools import islice
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.io.bag_reader import open_bag, read_messages
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
+from ceiling_dso_ros.io.bag_reader import RawMessage, open_bag, read_messages
+from ceiling_dso_ros.io.camera_info import (
+    calibration_from_camera_info,
+    camera_info_fields,
+    distorted_though_rectified,
+)
+from ceiling_dso_ros.io.camera_models import CameraCalibration, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, TopicNames, WheelSamples
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
+from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.static_transforms import StaticTransforms
+from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.io.wheel_joints import WheelJoints
 from ceiling_dso_ros.io.wheel_messages import samples_of_counters, samples_of_joint_states
 
@@ -25,8 +34,9 @@ DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
     "sensor_msgs/msg/Image": lambda image: decode_image(
         image.encoding, image.height, image.width, image.step, image.is_bigendian, image.data
     ),
-    "sensor_msgs/msg/CompressedImage": lambda image: decode_compressed(image.data),
+    "sensor_msgs/msg/CompressedImage": lambda image: decode_compressed(image.data, image.format),
 }
+FIRST_IMAGES = 10  # that are tried for the size of all
 
 
 class BagRecording(Recording):
@@ -41,8 +51,10 @@ class BagRecording(Recording):
         topics: TopicNames = TopicNames(),
         camera_file: Optional[Path] = None,
         robot_file: Optional[Path] = None,
+        rectified: bool = False,
+        warn: Callable[[str], None] = ignore_warning,
     ) -> None:
-        """Open the bag and find the images and their calibration.
+        """Open the bag and find the images and their calibration; see `open_recording`.
 
         Raises:
             InputError: the bag cannot be read, or what is needed is not in it.
@@ -50,11 +62,15 @@ class BagRecording(Recording):
         self.path = path
         self._topics = topics
         self._robot_file = robot_file or self._beside(".robot.yaml")
+        self._rectified = rectified
+        self._warn = warn
         with open_bag(path) as reader:
             connections = reader.connections
         self._types = {connection.topic: connection.msgtype for connection in connections}
         self._image_topic = self._find_image_topic()
         self._length = sum(c.msgcount for c in connections if c.topic == self._image_topic)
+        self._info_topic = topics.camera_info or topics.beside_image("camera_info") if camera_file is None else None
+        self._image_size = self._read_image_size()
         self.calibration = self._read_camera_info() if camera_file is None else read_camera_file(camera_file)
         self.photometric = PhotometricCalibration.linear()
 
@@ -65,7 +81,7 @@ class BagRecording(Recording):
         """See Recording."""
         exposures_ms = self._read_exposures()
         decode = DECODERS[self._types[self._image_topic]]
-        for number, raw in enumerate(read_messages(self.path, [self._image_topic]), start=1):
+        for number, raw in enumerate(self._image_messages(), start=1):
             name = f"{self.path}, {self._image_topic}, message {number}"
             try:
                 image = raw.content()
@@ -112,16 +128,65 @@ class BagRecording(Recording):
         remedy = f"its image topics are {', '.join(topics)}" if topics else "it has no images at all"
         raise InputError(f"{self.path}: topic {wanted} {problem}; {remedy}")
 
+    def _image_messages(self) -> Iterator[RawMessage]:
+        """All messages with images; a camera_info in between that describes another camera is warned of."""
+        known = self.calibration
+        fields: Dict[str, Any] = {}
+        for raw in read_messages(self.path, [topic for topic in (self._image_topic, self._info_topic) if topic]):
+            if raw.topic == self._image_topic:
+                yield raw
+                continue
+            with suppress(FrameError, InputError):
+                info = raw.content()
+                if camera_info_fields(info) == fields:
+                    continue
+                fields = camera_info_fields(info)
+                calibration = self._calibration_of(info)
+                if calibration != known:
+                    self._warn(
+                        f"{self.path}, {raw.topic}: camera_info changes at {format_stamp(raw.stamp_ns)} to "
+                        f"{calibration.lens}; all images are taken for those of the first, {self.calibration.lens}"
+                    )
+                known = calibration
+
+    def _read_image_size(self) -> Optional[Tuple[int, int]]:
+        """(width, height) of the images, None if none of the first can be read."""
+        for raw in islice(read_messages(self.path, [self._image_topic]), FIRST_IMAGES):
+            with suppress(FrameError):
+                height, width = DECODERS[raw.message_type](raw.content()).shape
+                return width, height
+        return None
+
     def _read_camera_info(self) -> CameraCalibration:
-        topic = self._topics.camera_info or self._topics.beside_image("camera_info")
+        """The first calibration in the bag."""
+        topic = self._info_topic or ""
+        complaint: Optional[InputError] = None
         for _, _, info in self._contents("sensor_msgs/msg/CameraInfo", topic):
-            return calibration_from_camera_info(
-                info.width, info.height, info.distortion_model, info.D, info.K, source=f"{self.path}, {topic}"
-            )
+            try:
+                calibration = self._calibration_of(info)
+            except InputError as error:  # drivers may begin before they have read their calibration
+                complaint = complaint or error
+                continue
+            doubt = None if self._rectified else distorted_though_rectified(self._image_topic, info.D.tolist())
+            if complaint is not None:
+                self._warn(f"{complaint}; a later camera_info is used")
+            if doubt is not None:
+                self._warn(doubt)
+            return calibration
+        if complaint is not None:
+            raise complaint
         others = sorted(name for name, kind in self._types.items() if kind == "sensor_msgs/msg/CameraInfo")
         raise InputError(
             f"{self.path}: no camera_info on {topic} (in the bag: {', '.join(others) or 'none'}); "
             "name its topic or give a camera.txt with the calibration"
+        )
+
+    def _calibration_of(self, info: RosMessage) -> CameraCalibration:
+        return calibration_from_camera_info(
+            **camera_info_fields(info),
+            rectified=self._rectified,
+            image_size=self._image_size,
+            source=f"{self.path}, {self._info_topic}",
         )
 
     def _read_exposures(self) -> Dict[int, float]:

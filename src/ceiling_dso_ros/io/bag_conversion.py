@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Optional, Tuple, Union
 
 from ceiling_dso_ros.io.bag_writer import BagWriter
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info
+from ceiling_dso_ros.io.camera_info import calibration_from_camera_info
+from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError
 from ceiling_dso_ros.io.recording import Recording, TopicNames, WheelSamples, WheelUnit
 

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Camera calibrations: from `camera.txt` or a camera_info to a raw camera and the pinhole it is undistorted to."""
+"""Camera calibrations: a raw camera and the pinhole it is undistorted to, from `camera.txt`."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import List, Sequence, Tuple, Union
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.lens_models import LensCamera
+from ceiling_dso_ros.io.lens_models import LensCamera, check_principal_point
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
 from ceiling_dso_ros.io.text_files import read_lines
 
@@ -20,11 +19,6 @@ CAMERA_FILE_NUMBERS = {
     "RadTan": "fx fy cx cy k1 k2 p1 p2",
     "EquiDistant": "fx fy cx cy k1 k2 k3 k4",
     "FOV": "fx fy cx cy omega",
-}
-CAMERA_INFO_COEFFICIENTS = {
-    "plumb_bob": ("RadTan", (4, 5)),
-    "rational_polynomial": ("RadTan", (8,)),
-    "equidistant": ("EquiDistant", (4,)),
 }
 
 
@@ -69,60 +63,6 @@ def read_camera_file(path: Union[str, Path]) -> CameraCalibration:
     return CameraCalibration(lens, _parse_output(output_line, lens, out_size, output_where))
 
 
-def calibration_from_camera_info(
-    width: int,
-    height: int,
-    distortion_model: str,
-    D: Sequence[float],
-    K: ArrayLike,
-    P: ArrayLike = (),
-    rectified: bool = False,
-    source: str = "camera_info",
-) -> CameraCalibration:
-    """Calibration of the fields of a sensor_msgs/CameraInfo.
-
-    Distorted images are undistorted with `crop`. Images without distortion are used as they are.
-
-    Args:
-        width: pixels.
-        height: pixels.
-        distortion_model: plumb_bob, rational_polynomial or equidistant; not used where D is empty or zero.
-        D: coefficients of the raw image.
-        K: (9,) or (3, 3) of the raw image.
-        P: (12,) or (3, 4), needed when rectified.
-        rectified: the images are those that P describes, K and D are ignored.
-        source: names the message in errors.
-
-    Raises:
-        InputError: the numbers describe no camera.
-    """
-    matrix = np.asarray(P if rectified else K, dtype=np.float64).reshape(-1)
-    columns = 4 if rectified else 3
-    if matrix.size != 3 * columns:
-        raise InputError(f"{source}: {'P' if rectified else 'K'} has {matrix.size} numbers instead of {3 * columns}")
-    fx, fy, cx, cy = matrix[[0, columns + 1, 2, columns + 2]].tolist()
-    model, distortion = ("Pinhole", ()) if rectified else _lens_of_camera_info(distortion_model, D, source)
-    try:
-        lens = LensCamera(model, fx, fy, cx, cy, distortion, width, height)
-        return CameraCalibration(lens, crop_camera(lens, width, height))
-    except ValueError as error:
-        raise InputError(f"{source}: {error}; is the camera calibrated?") from error
-
-
-def _lens_of_camera_info(distortion_model: str, D: Sequence[float], source: str) -> Tuple[str, Tuple[float, ...]]:
-    distortion = tuple(float(value) for value in D)
-    if not any(distortion):
-        return "Pinhole", ()
-    if distortion_model not in CAMERA_INFO_COEFFICIENTS:
-        known = ", ".join(CAMERA_INFO_COEFFICIENTS)
-        raise InputError(f"{source}: distortion model '{distortion_model}' is not known, only {known}")
-    model, counts = CAMERA_INFO_COEFFICIENTS[distortion_model]
-    if len(distortion) not in counts:
-        expected = " or ".join(map(str, counts))
-        raise InputError(f"{source}: {len(distortion)} coefficients in D instead of {expected} for {distortion_model}")
-    return model, distortion
-
-
 def _parse_lens(line: str, size: Tuple[int, int], where: str) -> LensCamera:
     """First line: a model's name and its numbers, or five numbers alone, which are those of FOV."""
     name, *words = line.split()
@@ -142,9 +82,11 @@ def _parse_lens(line: str, size: Tuple[int, int], where: str) -> LensCamera:
     if not any(distortion) and name != "EquiDistant":  # a fisheye without coefficients is still a fisheye
         name, distortion = "Pinhole", ()
     try:
-        return LensCamera(name, *_in_pixels(numbers[:4], size), distortion, *size)
+        lens = LensCamera(name, *_in_pixels(numbers[:4], size), distortion, *size)
+        check_principal_point(lens)
     except ValueError as error:
         raise InputError(f"{where}: {error}; {expected}") from error
+    return lens
 
 
 def _parse_size(line: str, where: str) -> Tuple[int, int]:

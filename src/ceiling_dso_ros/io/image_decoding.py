@@ -1,30 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Decodes grey images from the bytes of messages and files."""
 
-from typing import Dict, NamedTuple, Optional, Union
+import re
+import zlib
+from contextlib import suppress
+from typing import Optional, Union
 
 import cv2
 import numpy as np
 
 from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.image_encodings import BAYER_TO_GREY, ENCODINGS, KNOWN, finite_floats
 
+# What is wrong with an image is said once, by the caller: OpenCV would write to stderr for each of them.
+cv2.setLogLevel(0)  # silent
 
-class _Layout(NamedTuple):
-    dtype: type
-    channels: int
-    to_grey: Optional[int]  # OpenCV's conversion
-
-
-LAYOUTS: Dict[str, _Layout] = {
-    "mono8": _Layout(np.uint8, 1, None),
-    "8UC1": _Layout(np.uint8, 1, None),
-    "mono16": _Layout(np.uint16, 1, None),
-    "16UC1": _Layout(np.uint16, 1, None),
-    "bgr8": _Layout(np.uint8, 3, cv2.COLOR_BGR2GRAY),
-    "rgb8": _Layout(np.uint8, 3, cv2.COLOR_RGB2GRAY),
-    "bgra8": _Layout(np.uint8, 4, cv2.COLOR_BGRA2GRAY),
-    "rgba8": _Layout(np.uint8, 4, cv2.COLOR_RGBA2GRAY),
-}
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+# As stored: cameras that look up write any orientation into their files.
+AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def decode_image(
@@ -33,54 +26,73 @@ def decode_image(
     """Grey image of the fields of a sensor_msgs/Image.
 
     Args:
-        encoding: a key of LAYOUTS.
+        encoding: a key of ENCODINGS.
         height: pixels.
         width: pixels.
         step: bytes from one row to the next.
-        is_bigendian: byte order of 16 bit values.
-        data: the rows.
+        is_bigendian: byte order of values of several bytes.
+        data: the rows; what follows the last one is ignored.
 
     Returns:
-        (height, width) uint8 or uint16; it may share the memory of data.
+        (height, width) uint8, uint16 or float32; it may share the memory of data.
 
     Raises:
-        FrameError: unknown encoding, or fewer bytes than the size needs.
+        FrameError: unknown encoding, fewer bytes than the size needs, or values that are no grey levels.
     """
-    if encoding not in LAYOUTS:
-        raise FrameError(f"image encoding '{encoding}' is not one of {', '.join(LAYOUTS)}")
-    dtype, channels, to_grey = LAYOUTS[encoding]
-    row_bytes = width * channels * np.dtype(dtype).itemsize
+    if encoding not in ENCODINGS:
+        raise FrameError(f"image encoding '{encoding}' cannot be read as grey; those that can: {KNOWN}")
+    value, channels, to_grey = ENCODINGS[encoding]
+    dtype = np.dtype(f"{'>' if is_bigendian else '<'}{value}")
+    row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0 or step < row_bytes:
         raise FrameError(f"an image of {width}x{height} {encoding} cannot have rows of {step} bytes")
     buffer = np.frombuffer(data, np.uint8)
     if buffer.size < height * step:
         raise FrameError(f"truncated image: {buffer.size} bytes instead of {height * step}")
     rows = buffer[: height * step].reshape(height, step)[:, :row_bytes]
-    if dtype is np.uint16:
-        return np.ascontiguousarray(rows).view(">u2" if is_bigendian else "<u2").astype(np.uint16, copy=False)
-    if to_grey is None:
-        return rows
-    return cv2.cvtColor(np.ascontiguousarray(rows).reshape(height, width, channels), to_grey)
+    if dtype.itemsize > 1 or channels > 1 or to_grey in BAYER_TO_GREY.values():
+        rows = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
+    return to_grey(rows if channels == 1 else rows.reshape(height, width, channels))
 
 
-def decode_compressed(data: Union[bytes, np.ndarray]) -> np.ndarray:
-    """Grey image of the bytes of a JPEG, PNG or other image file.
+def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") -> np.ndarray:
+    """Grey image of the bytes of a JPEG, PNG, TIFF or other image file, not turned by what it says of orientation.
+
+    Args:
+        data: the whole file.
+        image_format: `format` of a sensor_msgs/CompressedImage: `jpeg`, or as in `bayer_rggb8; png compressed `, where
+            the pixels are those of the sensor.
 
     Returns:
-        (H, W) uint8, or uint16 if the file has 16 bits.
+        (H, W) uint8, uint16 if the file has 16 bits, float32 if it has floats.
 
     Raises:
-        FrameError: the bytes are no image, or not all of one.
+        FrameError: the bytes are no image, not all of one, or not one of a camera.
     """
+    if "compressedDepth" in image_format:
+        raise FrameError("a compressedDepth image is a depth image, not one of a camera; name another image topic")
     data = bytes(data)
     if _is_truncated(data):
         raise FrameError(f"truncated image: its {len(data)} bytes have no end mark")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
-    except cv2.error:
-        image = None
+    if _is_damaged_png(data):
+        raise FrameError(f"damaged image: a checksum in its {len(data)} bytes is wrong")
+    pattern = re.match("bayer_[a-z]{4}", image_format)
+    flags = AS_STORED | (cv2.IMREAD_GRAYSCALE if pattern is None else cv2.IMREAD_ANYCOLOR)
+    image: Optional[np.ndarray] = None
+    with suppress(cv2.error):
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:
         raise FrameError(f"not a readable image ({len(data)} bytes)")
+    if pattern is not None:
+        to_grey = BAYER_TO_GREY.get(pattern[0])
+        if image.ndim == 3:  # converted before it was compressed
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        elif to_grey is not None:
+            image = to_grey(image)
+    if image.dtype.kind == "f":
+        return finite_floats(image)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise FrameError(f"the image has pixels of {image.dtype} instead of 8 or 16 bits or floats")
     return image
 
 
@@ -90,3 +102,18 @@ def _is_truncated(data: bytes) -> bool:
         start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
         return end_of_image <= start_of_scan
     return data.startswith(b"\x89PNG") and b"IEND" not in data
+
+
+def _is_damaged_png(data: bytes) -> bool:
+    """A chunk of a PNG has a wrong checksum; found here, because libpng writes to stderr for each of them."""
+    start = len(PNG_SIGNATURE)
+    if not data.startswith(PNG_SIGNATURE):
+        return False
+    while start + 12 <= len(data):  # length, name, content, checksum
+        end = start + 8 + int.from_bytes(data[start : start + 4], "big")
+        if zlib.crc32(data[start + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return True
+        if data[start + 4 : start + 8] == b"IEND":
+            return False
+        start = end + 4
+    return True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scales images down, for slow computers."""
+"""Scales images down, for slow computers, and crops them to a size that can be tracked."""
 
 import re
 from typing import Tuple
@@ -48,6 +48,25 @@ class ImageScaler:
     def __call__(self, image: np.ndarray) -> np.ndarray:
         """Scale an image of the camera that went in, (H, W) float32, to (height, width) float32, a new array."""
         return cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
+
+
+class ImageCropper:
+    """Cuts the middle out of images.
+
+    Attributes:
+        camera: camera of the cropped images.
+    """
+
+    def __init__(self, camera: PinholeCamera, size: Tuple[int, int]) -> None:
+        """Prepare for the camera of the original images and the (width, height) of the cropped ones, not larger."""
+        width, height = size
+        left, top = (camera.width - width) // 2, (camera.height - height) // 2
+        self._rows, self._columns = slice(top, top + height), slice(left, left + width)
+        self.camera = PinholeCamera(camera.fx, camera.fy, camera.cx - left, camera.cy - top, width, height)
+
+    def __call__(self, image: np.ndarray) -> np.ndarray:
+        """Crop an image of the camera that went in, (H, W) float32, to (height, width) float32, a new array."""
+        return np.ascontiguousarray(image[self._rows, self._columns])
 
 
 def scaled_camera(camera: PinholeCamera, size: Tuple[int, int]) -> PinholeCamera:

@@ -45,10 +45,6 @@ class LensCamera:
             raise ValueError(f"the focal lengths fx={self.fx:g} fy={self.fy:g} must be positive")
         if self.width <= 0 or self.height <= 0:
             raise ValueError(f"the image size {self.width}x{self.height} must be positive")
-        if not (0 < self.cx < self.width - 1 and 0 < self.cy < self.height - 1):
-            raise ValueError(
-                f"the principal point ({self.cx:g}, {self.cy:g}) is outside the image of {self.width}x{self.height}"
-            )
 
     @property
     def matrix(self) -> np.ndarray:
@@ -84,6 +80,18 @@ class LensCamera:
             distorted, _ = LENS_MODELS[self.model](self.distortion, radii, np.zeros_like(radii))
             folds = np.flatnonzero(~(np.diff(distorted) > 0))
         return float(radii[folds[0]] if len(folds) else radii[-1])
+
+
+def check_principal_point(lens: LensCamera) -> None:
+    """Refuse a camera whose image does not show its optical axis, as the image of a whole sensor does.
+
+    Raises:
+        ValueError: saying so.
+    """
+    if not (0 < lens.cx < lens.width - 1 and 0 < lens.cy < lens.height - 1):
+        raise ValueError(
+            f"the principal point ({lens.cx:g}, {lens.cy:g}) is outside the image of {lens.width}x{lens.height}"
+        )
 
 
 def _pinhole(_: Coefficients, x: np.ndarray, y: np.ndarray) -> Coordinates:

@@ -18,7 +18,7 @@ from ceiling_dso_ros.io.ros_messages import (
     vector,
 )
 
-ENCODING_OF_DTYPE = {"uint8": "mono8", "uint16": "mono16"}
+ENCODING_OF_DTYPE = {"uint8": "mono8", "uint16": "mono16", "float32": "32FC1"}
 
 
 class MessageWriter(ABC):
@@ -40,7 +40,8 @@ class MessageWriter(ABC):
     ) -> None:
         """Write sensor_msgs/Image.
 
-        The image is (H, W) uint8 (mono8) or uint16 (mono16), or (H, W, channels) with the encoding given.
+        The image is (H, W) uint8 (mono8), uint16 (mono16) or float32 (32FC1), or (H, W, channels) with the encoding
+        given.
         """
         image = np.ascontiguousarray(image)
         fields = {

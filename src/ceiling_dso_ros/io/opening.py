@@ -2,12 +2,13 @@
 """Opens a recording of any kind."""
 
 from pathlib import Path
-from typing import Optional, Union
+from typing import Callable, Optional, Union
 
 from ceiling_dso_ros.io.bag import BagRecording
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import Recording, TopicNames
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
+from ceiling_dso_ros.io.warning_log import ignore_warning
 
 
 def open_recording(
@@ -15,6 +16,8 @@ def open_recording(
     topics: TopicNames = TopicNames(),
     camera_file: Optional[Union[str, Path]] = None,
     robot_file: Optional[Union[str, Path]] = None,
+    rectified: bool = False,
+    warn: Callable[[str], None] = ignore_warning,
 ) -> Recording:
     """Open a folder in the TUM-mono layout or a ROS 1 bag.
 
@@ -23,6 +26,8 @@ def open_recording(
         topics: topic names in a bag.
         camera_file: a `camera.txt` instead of the recording's own calibration.
         robot_file: a `robot.yaml` instead of the folder's own, or of the one beside the bag (`tour.robot.yaml`).
+        rectified: the images of a bag are rectified: P of camera_info describes them, not K and D.
+        warn: is given what is doubtful in the recording, one line each.
 
     Raises:
         InputError: there is no recording, or it cannot be used.
@@ -32,6 +37,11 @@ def open_recording(
         raise InputError(f"{path}: there is no such folder or bag")
     camera_path = None if camera_file is None else Path(camera_file)
     robot_path = None if robot_file is None else Path(robot_file)
+    if rectified and (path.is_dir() or camera_path is not None):
+        raise InputError(
+            f"{camera_path or path}: 'rectified' means P of camera_info; for rectified images, a camera.txt has the "
+            "line 'Pinhole fx fy cx cy 0'"
+        )
     if path.is_dir():
         return TumFolderRecording(path, camera_path, robot_path)
-    return BagRecording(path, topics, camera_path, robot_path)
+    return BagRecording(path, topics, camera_path, robot_path, rectified, warn)

@@ -14,6 +14,8 @@ from ceiling_dso_ros.io.lens_models import LensCamera
 
 BISECTIONS = 52  # the bits of a float64
 SAMPLES = 1001  # points checked on each side of a view
+MIDDLE_STEPS = 100  # of a fixed-point iteration that halves its error at least
+NO_LENS = "the distortion coefficients are those of no lens: it would see next to nothing"
 
 
 def crop_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
@@ -28,8 +30,9 @@ def crop_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
         return PinholeCamera(lens.fx, lens.fy, lens.cx, lens.cy, width, height)
 
     axes = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
-    furthest = _reach(lens, axes) * axes.sum(axis=1)
-    view = _grow(lens, np.zeros(4), furthest, furthest)
+    centre = _centre(lens)
+    furthest = centre.repeat(2) + _reach(lens, axes, centre) * axes.sum(axis=1)
+    view = _grow(lens, centre.repeat(2), furthest, furthest)
     for side in range(4):
         wider = view.copy()
         wider[side] = furthest[side]
@@ -54,10 +57,30 @@ def full_camera(lens: LensCamera, width: int, height: int) -> PinholeCamera:
     return _pinhole(np.array([left, right, top, bottom]), width, height)
 
 
-def _reach(lens: LensCamera, directions: np.ndarray) -> np.ndarray:
-    """Extent of the raw image from the optical axis along directions (N, 2): (N,) ideal coordinates."""
-    furthest = np.full(len(directions), lens.max_radius)
-    return furthest * _bisect(lambda s: lens.sees(*(directions * (s * furthest)[:, None]).T), len(directions))
+def _centre(lens: LensCamera) -> np.ndarray:
+    """A point (2,) from which the view grows: the optical axis, or the middle of an image that does not show it.
+
+    Raises:
+        ValueError: the coefficients describe no lens.
+    """
+    if lens.sees(np.zeros(1), np.zeros(1)).all():
+        return np.zeros(2)
+    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.width - 1, lens.height - 1]) / 2
+    point = np.zeros(2)
+    for _ in range(MIDDLE_STEPS):
+        point = point + (middle - np.array(lens.pixels(*point))) / focal
+    if not lens.sees(*point[:, None]).all():
+        raise ValueError(NO_LENS)
+    return point
+
+
+def _reach(lens: LensCamera, directions: np.ndarray, centre: np.ndarray = np.zeros(2)) -> np.ndarray:
+    """Extent of the raw image from a point (2,), by default the optical axis, along directions (N, 2): (N,).
+
+    Points and extents are ideal coordinates.
+    """
+    furthest = np.full(len(directions), lens.max_radius + np.hypot(*centre))
+    return furthest * _bisect(lambda s: lens.sees(*(centre + directions * (s * furthest)[:, None]).T), len(directions))
 
 
 def _grow(lens: LensCamera, view: np.ndarray, wider: np.ndarray, furthest: np.ndarray) -> np.ndarray:
@@ -94,6 +117,6 @@ def _border(x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 def _pinhole(view: np.ndarray, width: int, height: int) -> PinholeCamera:
     left, right, top, bottom = view
     if right - left < 1e-3 or bottom - top < 1e-3:
-        raise ValueError("the distortion coefficients are those of no lens: it would see next to nothing")
+        raise ValueError(NO_LENS)
     fx, fy = (width - 1) / (right - left), (height - 1) / (bottom - top)
     return PinholeCamera(float(fx), float(fy), float(-left * fx), float(-top * fy), width, height)

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.grey_range import GREY_LEVELS
 from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.text_files import read_lines
 
-GREY_LEVELS = 256
+WHITE = np.float32(GREY_LEVELS - 1)
 
 
 @dataclass(frozen=True)
@@ -36,21 +37,25 @@ class PhotometricCalibration:
         """A camera of linear response without vignetting, equation (12)."""
         return cls(np.arange(GREY_LEVELS, dtype=np.float64))
 
-    def correct(self, image: np.ndarray) -> np.ndarray:
+    def correct(self, image: np.ndarray, units: float = 256.0) -> np.ndarray:
         """Apply equation (2), I = G^-1(raw) / V = t B.
 
         Args:
-            image: (H, W) uint8, or uint16 whose full range stands for that of 8 bits.
+            image: (H, W) uint8, uint16 or float32.
+            units: how many units of the values of uint16 and float32 images make one grey level, see `GreyRange`;
+                256 where all 16 bits are used.
 
         Returns:
             (H, W) float32, a new array; 0 to 255 where the vignette is 1.
         """
-        if image.dtype == np.uint16:
-            corrected = self._table_of_16_bits[image]
-        elif self._is_linear:
-            corrected = image.astype(np.float32)
+        corrected: np.ndarray
+        if image.dtype == np.uint8:
+            table = self.inverse_response.astype(np.float32)
+            corrected = image.astype(np.float32) if self._is_linear else cv2.LUT(image, table)
         else:
-            corrected = cv2.LUT(image, self.inverse_response.astype(np.float32))
+            corrected = np.clip(image * np.float32(1.0 / units), np.float32(0.0), WHITE)
+            if not self._is_linear:
+                corrected = np.interp(corrected, np.arange(GREY_LEVELS), self.inverse_response).astype(np.float32)
         if self._gain is not None:
             corrected *= self._gain
         return corrected
@@ -62,11 +67,6 @@ class PhotometricCalibration:
     @cached_property
     def _gain(self) -> Optional[np.ndarray]:
         return None if self.vignette is None else 1.0 / self.vignette
-
-    @cached_property
-    def _table_of_16_bits(self) -> np.ndarray:
-        grey = np.arange(2**16) / 256
-        return np.interp(grey, np.arange(GREY_LEVELS), self.inverse_response).astype(np.float32)
 
 
 def read_photometric(

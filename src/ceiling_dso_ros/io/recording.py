@@ -23,7 +23,7 @@ class Frame:
     Attributes:
         stamp_ns: nanoseconds.
         exposure_ms: exposure time, None when unknown.
-        image: (H, W) uint8 or uint16, raw.
+        image: (H, W) uint8, uint16 or float32, raw.
     """
 
     stamp_ns: int
@@ -38,10 +38,12 @@ class SkippedFrame:
     Attributes:
         stamp_ns: nanoseconds, None when unknown.
         reason: one line that names the image and says what is wrong.
+        kind: what is wrong, without the image's name.
     """
 
     stamp_ns: Optional[int]
     reason: str
+    kind: str
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class ListedImage:
         stamp_ns: nanoseconds, None when unknown.
         exposure_ms: exposure time, None when unknown.
         name: names the image in messages.
-        decode: gives the raw image (H, W) uint8 or uint16, or raises FrameError.
+        decode: gives the raw image (H, W) uint8, uint16 or float32, or raises FrameError.
     """
 
     stamp_ns: Optional[int]
@@ -214,7 +216,7 @@ class Recording(ABC):
                 if stamp_ns is None:
                     raise FrameError("it has no time stamp")
             except FrameError as error:
-                yield SkippedFrame(stamp_ns, f"{listed.name}: {error}; frame skipped")
+                yield SkippedFrame(stamp_ns, f"{listed.name}: {error}; frame skipped", str(error))
                 continue
             last_ns = stamp_ns
             yield Frame(stamp_ns, listed.exposure_ms, image)

@@ -6,7 +6,7 @@ import zlib
 from contextlib import ExitStack
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterator, List, NamedTuple, NoReturn, Optional, Set, Tuple
 
 import numpy as np
 
@@ -60,10 +60,13 @@ class TumFolderRecording(Recording):
         """See Recording."""
         with ExitStack() as stack:
             archive = None if self._archive is None else stack.enter_context(zipfile.ZipFile(self._archive))
+            listed: Set[str] = set()
             for time in self._times:
                 file_name = self._images.get(time.image_id)
                 name = time.where if file_name is None else str(self._container / file_name)
-                decode = partial(self._decode, archive, file_name)
+                # An image was taken at one time, so which of several lines is right cannot be known: the first counts.
+                decode = _repeated if time.image_id in listed else partial(self._decode, archive, file_name)
+                listed.add(time.image_id)
                 yield ListedImage(time.stamp_ns, time.exposure_ms, name, decode)
 
     @cached_property
@@ -122,6 +125,10 @@ class TumFolderRecording(Recording):
         except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise FrameError(f"cannot read the image: {getattr(error, 'strerror', None) or error}") from error
         return decode_compressed(data)
+
+
+def _repeated() -> NoReturn:
+    raise FrameError("times.txt lists the image twice")
 
 
 def _by_id(names: List[str]) -> Dict[str, str]:

@@ -3,13 +3,15 @@
 
 import json
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Optional, Union
+from typing import Any, Dict, Iterable, List, Optional, Tuple, Union
 
 from ceiling_dso_ros.dso import CameraMotion, TrackingState
+from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.ply import write_ply
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import write_tum
+from ceiling_dso_ros.io.warning_log import CountedMessages, WarningLog
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
 from ceiling_dso_ros.playback.timing_log import TimingLog
@@ -25,34 +27,51 @@ class Playback:
         visual: the images' part, with the poses so far.
         map: the points so far.
         timing: the times so far.
-        warnings: reasons of the skipped frames.
+        warnings: what is doubtful in the recording, and the reasons of skipped frames.
+        skipped: number of frames skipped so far.
     """
 
     def __init__(
         self,
         visual: VisualRun,
-        warn: Callable[[str], None],
+        warnings: WarningLog,
         fusion: Optional[FusionPlayback] = None,
         predict: bool = False,
     ) -> None:
         """Prepare a run; with `predict` the wheels predict the motion of the camera for the odometry."""
         self.visual = visual
-        self._warn = warn
         self._fusion = fusion
         self._predict = predict
         self.map = MapRecorder()
         self.timing = TimingLog()
-        self.warnings: List[str] = []
+        self.warnings = warnings
+        self.skipped = 0
+        self._untracked = CountedMessages()
 
     def play(self, frames: Iterable[Union[Frame, SkippedFrame]]) -> None:
-        """Track every frame. Exceptions are not caught; Ctrl-C takes effect between two frames."""
+        """Track every frame. Exceptions are not caught; Ctrl-C takes effect between two frames.
+
+        Raises:
+            InputError: not one frame can be used.
+        """
+        before_the_first: List[SkippedFrame] = []  # warned of when it is clear that there is more to say
         for frame in frames:
             if isinstance(frame, SkippedFrame):
-                self.warnings.append(frame.reason)
-                self._warn(frame.reason)
-            else:
-                with deferred_interrupt():
-                    self._track(frame)
+                self.skipped += 1
+                if not len(self.timing):
+                    before_the_first.append(frame)
+                else:
+                    self.warnings.add(frame.reason, frame.kind)
+                continue
+            while before_the_first:
+                skipped = before_the_first.pop(0)
+                self.warnings.add(skipped.reason, skipped.kind)
+            with deferred_interrupt():
+                self._track(frame)
+        if not len(self.timing):
+            if not before_the_first:
+                raise InputError("there are no images")
+            raise InputError(f"none of the {self.skipped} images can be used; the first: {before_the_first[0].reason}")
         if self._fusion is not None:
             self._fusion.finish()
 
@@ -83,16 +102,23 @@ class Playback:
             "tracked": self.timing.count(TrackingState.TRACKING),
             "lost": self.timing.count(TrackingState.LOST),
             "keyframes": len(self.visual.trajectories.keyframes()),
+            "skipped": self.skipped,
             "segments": self.visual.trajectories.segments,
             "ms": self.timing.statistics_ms(),
             **(unknown if self._fusion is None else self._fusion.summary()),
-            "warnings": self.warnings,
+            "warnings": self.warnings.lines,
         }
+
+    def why_untracked(self) -> Tuple[str, int]:
+        """The most frequent reason why an image has no pose, and of how many images; ("", 0) if all have one."""
+        return self._untracked.most_frequent()
 
     def _track(self, frame: Frame) -> None:
         tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, self._prediction(frame.stamp_ns))
         self.map.add(tracked.status)
         self.timing.add(tracked.status, tracked.total_ms)
+        if tracked.status.T_world_camera is None:
+            self._untracked.add(tracked.status.message)
         if self._fusion is not None:
             self._fusion.add(tracked.status)
 

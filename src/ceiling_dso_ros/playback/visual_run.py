@@ -3,14 +3,19 @@
 
 import time
 from dataclasses import replace
-from typing import NamedTuple, Optional, Tuple
+from typing import Callable, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
+from ceiling_dso_ros.io.camera_models import CameraCalibration
+from ceiling_dso_ros.io.grey_range import GreyRange
+from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Recording
+from ceiling_dso_ros.io.warning_log import ignore_warning
+from ceiling_dso_ros.playback.trackable_size import trackable_size
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
 
@@ -57,15 +62,49 @@ class VisualRun:
     def of(
         cls, recording: Recording, config: OdometryConfig = OdometryConfig(),
         scheduler: Optional[SequentialScheduler] = None, size: Optional[Tuple[int, int]] = None,
+        bits: int = 0, tell: Callable[[str], None] = ignore_warning,
     ) -> "VisualRun":  # fmt: skip
-        """A run over the images of a recording, scaled to (width, height) where a size is given.
+        """A run over the images of a recording; see `of_camera`."""
+        images = recording.calibration, recording.photometric
+        return cls.of_camera(*images, config=config, scheduler=scheduler, size=size, bits=bits, tell=tell)
+
+    @classmethod
+    def of_camera(
+        cls, calibration: CameraCalibration, photometric: PhotometricCalibration = PhotometricCalibration.linear(),
+        *, config: OdometryConfig = OdometryConfig(), scheduler: Optional[SequentialScheduler] = None,
+        size: Optional[Tuple[int, int]] = None, bits: int = 0, tell: Callable[[str], None] = ignore_warning,
+        keep_trajectory: bool = True,
+    ) -> "VisualRun":  # fmt: skip
+        """A run over the images of a camera.
+
+        Args:
+            calibration: of the raw images.
+            photometric: of the raw images.
+            config: settings of the odometry.
+            scheduler: of the mapping.
+            size: (width, height) to scale the images to. Without one, images that cannot be tracked in their own size
+                are cropped.
+            bits: bit depth of images with more than 8 bits, 0 to find it from them.
+            tell: is told in one line that images are cropped, and the bit depth that was found.
+            keep_trajectory: see above.
 
         Raises:
             InputError: the images cannot be scaled to that size.
             ConfigError: images of that size cannot be tracked, or a setting is out of range.
         """
-        preprocess = ImagePreprocessor(recording.calibration, recording.photometric, size)
-        return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler))
+        camera, crop = calibration.camera, None
+        if size is None:
+            own = camera.width, camera.height
+            crop = trackable_size(*own)
+            if crop == own:
+                crop = None
+            else:
+                tell(
+                    f"images of {camera.width}x{camera.height} pixels cannot be halved often enough to be tracked: "
+                    f"they are cropped to {crop[0]}x{crop[1]}"
+                )
+        preprocess = ImagePreprocessor(calibration, photometric, size, crop, GreyRange(bits, tell))
+        return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler), keep_trajectory)
 
     def track(
         self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float],
@@ -74,7 +113,7 @@ class VisualRun:
         """Process one image. One that repeats the last one, as of a driver that has stopped, has no pose.
 
         Args:
-            image: (height, width) uint8 or uint16, as it comes from the camera.
+            image: (height, width) uint8, uint16 or float32, as it comes from the camera.
             stamp_ns: its stamp, nanoseconds.
             exposure_ms: None when unknown.
             prediction: motion of the camera since the last image with a pose, predicted by other sensors; None if

@@ -3,12 +3,17 @@
 
 import threading
 from pathlib import Path
-from typing import Any, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import rospy
 from sensor_msgs.msg import CameraInfo
 
-from ceiling_dso_ros.io.camera_models import CameraCalibration, calibration_from_camera_info, read_camera_file
+from ceiling_dso_ros.io.camera_info import (
+    calibration_from_camera_info,
+    camera_info_fields,
+    distorted_though_rectified,
+)
+from ceiling_dso_ros.io.camera_models import CameraCalibration, read_camera_file
 from ceiling_dso_ros.io.errors import InputError
 
 WARNING_PERIOD_S = 5.0
@@ -33,30 +38,54 @@ class CalibrationInput:
         """
         self.complaint = ""
         self._rectified = rectified
-        self._fields: Tuple[Any, ...] = ()  # of camera_info as last received
+        self._lock = threading.Lock()  # between the subscriber and the worker
+        self._received = threading.Event()
+        self._fields: Dict[str, Any] = {}  # of camera_info as last received
+        self._image_size: Optional[Tuple[int, int]] = None
         self._newest: Optional[CameraCalibration] = None
-        self._known = threading.Event()
+        self._of_file: Optional[CameraCalibration] = None
         if calibration_file is None:
             rospy.Subscriber("camera_info", CameraInfo, self._on_camera_info, queue_size=1)
         else:
-            self._newest = read_camera_file(calibration_file)
-            self._known.set()
+            self._of_file = read_camera_file(calibration_file)
 
-    def newest(self, timeout_s: float) -> Optional[CameraCalibration]:
-        """The newest calibration; waits for the first one, None if it does not arrive in time."""
-        self._known.wait(timeout_s)
+    def newest(self, timeout_s: float, image_size: Tuple[int, int]) -> Optional[CameraCalibration]:
+        """The newest calibration for images of (width, height); waits for a camera_info if none has come yet.
+
+        Returns:
+            None if there is none; equal calibrations mean an unchanged camera.
+        """
+        if self._of_file is not None:
+            return self._of_file
+        self._received.wait(timeout_s)
+        with self._lock:
+            if image_size != self._image_size:
+                self._image_size = image_size
+                self._read()
         return self._newest
 
     def _on_camera_info(self, message: CameraInfo) -> None:
-        fields = (message.width, message.height, message.distortion_model, message.D, message.K, message.P)
+        fields = camera_info_fields(message)
         if fields == self._fields:
             return
-        self._fields = fields
+        with self._lock:
+            self._fields = fields
+            self._read()
+        self._received.set()
+        doubt = distorted_though_rectified(rospy.resolve_name("image"), message.D)
+        if doubt is not None and not self._rectified:
+            rospy.logwarn(doubt)
+
+    def _read(self) -> None:
+        """Take the newest camera_info, unless it is wrong: then the one before remains."""
+        if not self._fields:
+            return
+        topic = rospy.resolve_name("camera_info")
         try:
-            topic = rospy.resolve_name("camera_info")
-            self._newest = calibration_from_camera_info(*fields, self._rectified, source=topic)
+            self._newest = calibration_from_camera_info(
+                **self._fields, rectified=self._rectified, image_size=self._image_size, source=topic
+            )
             self.complaint = ""
-            self._known.set()
         except InputError as error:
             self.complaint = f"ignored: {error}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, self.complaint)

@@ -28,13 +28,13 @@ STATES = {
 
 
 def image_array(message: Union[Image, CompressedImage]) -> np.ndarray:
-    """Grey image (height, width), uint8 or uint16.
+    """Grey image (height, width), uint8, uint16 or float32.
 
     Raises:
         FrameError: unknown encoding, or data that do not fit the size.
     """
     if isinstance(message, CompressedImage):
-        return decode_compressed(message.data)
+        return decode_compressed(message.data, message.format)
     return decode_image(
         message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data
     )

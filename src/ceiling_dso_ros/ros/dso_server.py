@@ -14,14 +14,13 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.cfg import DsoConfig
-from ceiling_dso_ros.dso import CameraMotion, ConfigError, DirectOdometry, OdometryConfig, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryConfig, OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.image_scaling import parse_image_size
-from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.msg import Exposure, MotionPrediction, VisualOdometryStatus
@@ -161,8 +160,8 @@ class DsoServer:
             self._dropped += self._mailbox.put(message)
 
     def _on_exposure(self, message: Exposure) -> None:
-        if math.isfinite(message.exposure_ms):
-            self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms)
+        known = 0.0 < message.exposure_ms < math.inf
+        self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms if known else None)
 
     # Work
 
@@ -192,14 +191,14 @@ class DsoServer:
         Raises:
             FrameError: the image is unusable.
         """
-        calibration = self._calibrations.newest(CALIBRATION_TIMEOUT_S)
-        if calibration is not None and calibration is not self._calibration:
+        image, stamp_ns = image_array(message), message.header.stamp.to_nsec()
+        calibration = self._calibrations.newest(CALIBRATION_TIMEOUT_S, (image.shape[1], image.shape[0]))
+        if calibration is not None and calibration != self._calibration:
             self._use(calibration)
         if self._run is None:
             waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
-        image, stamp_ns = image_array(message), message.header.stamp.to_nsec()
         self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
@@ -230,16 +229,23 @@ class DsoServer:
             rospy.logwarn("the camera's calibration changed: restarting")
         self._calibration, self._run = calibration, None
         self._scheduler.discard()
+        own: DsoParameters = self._parameters
         try:
-            preprocess = ImagePreprocessor(calibration, size=self._size)
-            odometry = DirectOdometry(preprocess.camera, self._config, self._scheduler)
+            self._run = VisualRun.of_camera(
+                calibration,
+                config=self._config,
+                scheduler=self._scheduler,
+                size=self._size,
+                bits=own.bit_depth,
+                tell=rospy.logwarn,
+                keep_trajectory=own.keep_trajectory,
+            )
         except (ConfigError, InputError) as error:
             self._size_complaint = f"cannot track: {error}"
             return
         self._size_complaint = ""
-        self._run = VisualRun(preprocess, odometry, self._parameters.keep_trajectory)
         self._start_anew()
-        rospy.loginfo(f"tracking images of {calibration.lens} as {preprocess.camera}")
+        rospy.loginfo(f"tracking images of {calibration.lens} as {self._run.odometry.camera}")
 
     def _take_stamp(self, stamp_ns: int) -> int:
         """Check the order of an image's stamp; restart if a bag is played again.

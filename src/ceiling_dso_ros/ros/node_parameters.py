@@ -9,6 +9,7 @@ from ceiling_dso_ros.cfg import DsoConfig, FusionConfig
 from ceiling_dso_ros.dso.config import require
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.grey_range import check_bits
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 
 SILENCE_S = (0.1, 60.0)
@@ -49,6 +50,7 @@ class DsoParameters:
     image_transport: str = "raw"  # or compressed
     calibration: str = ""  # camera.txt in the TUM-mono layout, instead of camera_info
     rectified: bool = False  # images are rectified: P of camera_info describes them, not K and D
+    bit_depth: int = 0  # of 16 bit images, 8 to 16, such as 12; 0 to find it from the images
     image_size: str = ""  # WIDTHxHEIGHT that the images are scaled down to; their own by default
     frame_rate: float = DsoConfig.defaults["frame_rate"]  # largest number of images tracked per second; 0 for all
     # live: in its own thread, so that poses do not wait for it. sequential: the same result as `run` with the images
@@ -74,11 +76,17 @@ class DsoParameters:
         _require_frames(self, "vo_frame")
         _require_range(self, "silence", *SILENCE_S)
         _require_configurable(self, DsoConfig)
-        if self.image_size:
-            try:
+        require(
+            not (self.rectified and self.calibration),
+            "rectified=true means P of camera_info, which calibration replaces: for rectified images, that file has "
+            "the line 'Pinhole fx fy cx cy 0'",
+        )
+        try:
+            check_bits(self.bit_depth, "bit_depth")
+            if self.image_size:
                 parse_image_size(self.image_size, "image_size")
-            except InputError as error:
-                require(False, str(error))
+        except InputError as error:
+            require(False, str(error))
 
 
 @dataclass(frozen=True)

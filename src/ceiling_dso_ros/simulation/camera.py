@@ -10,8 +10,9 @@ import numpy as np
 
 from ceiling_dso_ros.dso.config import require
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.io.grey_range import GREY_LEVELS
 from ceiling_dso_ros.io.lens_models import LensCamera
-from ceiling_dso_ros.io.photometric import GREY_LEVELS, PhotometricCalibration
+from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.simulation.events import Event, light_level
 
 NATIVE_WIDTH, NATIVE_FOCAL_PX = 848, 425.3

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Options of all commands that track the camera of a recording."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Dict, Optional, Tuple
+
+from ceiling_dso_ros.io.errors import InputError
+
+if TYPE_CHECKING:
+    from ceiling_dso_ros.dso import OdometryConfig
+    from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
+    from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.io.warning_log import WarningLog
+    from ceiling_dso_ros.playback.visual_run import VisualRun
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add them, with the recording itself."""
+    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    parser.add_argument(
+        "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
+    )
+    parser.add_argument("--image-topic", metavar="TOPIC", help="image topic of a bag (default /camera/up/image_raw)")
+    parser.add_argument(
+        "--camera-info-topic", metavar="TOPIC", help="default: camera_info in the namespace of the images"
+    )
+    parser.add_argument("--exposure-topic", metavar="TOPIC", help="default: exposure in the namespace of the images")
+    parser.add_argument(
+        "--rectified", action="store_true", help="the images are rectified: use P of camera_info, not K and D"
+    )
+    parser.add_argument(
+        "--bits",
+        metavar="N",
+        type=int,
+        default=0,
+        help="bit depth of 16 bit images, 8 to 16, such as 12 (default: found from the images)",
+    )
+
+
+def topics_of_camera(options: argparse.Namespace) -> Dict[str, str]:
+    """The arguments of TopicNames that were given."""
+    topics = {
+        "image": options.image_topic,
+        "camera_info": options.camera_info_topic,
+        "exposure": options.exposure_topic,
+    }
+    return {name: topic for name, topic in topics.items() if topic is not None}
+
+
+def open_with(options: argparse.Namespace, warnings: "WarningLog") -> "Recording":
+    """The recording; what is doubtful in it is added to the warnings.
+
+    Raises:
+        InputError: it cannot be used, or an option is wrong.
+    """
+    from ceiling_dso_ros.io.grey_range import check_bits
+    from ceiling_dso_ros.io.opening import open_recording
+    from ceiling_dso_ros.io.recording import TopicNames
+
+    check_bits(options.bits, "--bits")
+    return open_recording(
+        options.input,
+        TopicNames(**topics_of_camera(options)),
+        camera_file=options.camera,
+        robot_file=getattr(options, "robot", None),
+        rectified=options.rectified,
+        warn=warnings.add,
+    )
+
+
+def visual_run(
+    recording: "Recording",
+    config: "OdometryConfig",
+    bits: int,
+    warnings: "WarningLog",
+    scheduler: "Optional[SequentialScheduler]" = None,
+    size: Optional[Tuple[int, int]] = None,
+) -> "VisualRun":
+    """The odometry for the images of a recording; see `VisualRun.of_camera`.
+
+    Raises:
+        InputError: images of that size cannot be tracked.
+    """
+    from ceiling_dso_ros.dso import ConfigError
+    from ceiling_dso_ros.playback.visual_run import VisualRun
+
+    try:
+        return VisualRun.of(recording, config, scheduler, size, bits, warnings.add)
+    except (ConfigError, InputError) as error:
+        raise InputError(f"{recording.path}: {error}") from error
+
+
+def warn(message: str) -> None:
+    """Write a warning to stderr, above a progress bar."""
+    from tqdm import tqdm
+
+    tqdm.write(f"warning: {message}", file=sys.stderr)
