@@ -96,7 +96,8 @@ def test_the_map_has_the_points_of_a_segment_that_was_lost(tum_folder, tmp_path,
 
     monkeypatch.setattr(visual_run, "DirectOdometry", Watched)
     small = ("--set", "window.max_keyframes=3", "--set", "window.min_keyframes=2")  # so that points leave it
-    assert main(["run", str(tum_folder), "--out", str(tmp_path / "out"), *small]) == 0
+    impatient = ("--set", "tracking.patience=0.1")
+    assert main(["run", str(tum_folder), "--out", str(tmp_path / "out"), *small, *impatient]) == 0
     assert summary_of(tmp_path / "out")["lost"] == 1
     vertices = read_ply(tmp_path / "out" / "map.ply")
     left = sum(len(each.marginalized) for each in maps[1:])

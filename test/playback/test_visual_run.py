@@ -26,6 +26,9 @@ class FakeOdometry:
             timing_ms={"track": 1.5},
         )
 
+    def skip(self, stamp_ns, reason):
+        return OdometryStatus(stamp_ns, TrackingState.RETRYING, 0, message=reason)
+
     def reset(self):
         self.resets += 1
 
@@ -63,3 +66,23 @@ def test_a_restart_forgets_everything():
     assert odometry.resets == 1
     assert run.last_tracked is None
     assert len(run.trajectories.files()["camera"]) == 0
+
+
+def test_an_image_that_repeats_the_last_one_has_no_pose():
+    """A driver that has stopped sends its last image with new stamps."""
+    odometry, rng = FakeOdometry(), np.random.default_rng(0)
+    run = VisualRun(lambda image: image, odometry)
+    first, second = rng.integers(0, 256, (2, 4, 5)).astype(np.uint8)
+    states = [run.track(image, k, None).status.state for k, image in enumerate((first, first.copy(), second, first))]
+    tracking, retrying = TrackingState.TRACKING, TrackingState.RETRYING
+    assert states == [tracking, retrying, tracking, tracking]
+    assert run.last_tracked.stamp_ns == 3
+    assert len(run.trajectories.files()["camera"]) == 3
+
+
+def test_black_images_are_alike_and_the_odometry_judges_them():
+    odometry = FakeOdometry()
+    run = VisualRun(lambda image: image, odometry)
+    for k in range(3):
+        run.track(np.zeros((4, 5), np.uint8), k, None)
+    assert len(odometry.seen) == 3

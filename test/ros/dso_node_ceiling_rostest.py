@@ -128,7 +128,7 @@ class DsoNodeCeiling(unittest.TestCase):
         """Odometry goes on with the last pose and says that nothing is known of it any more."""
         last = self.player.odometry[-1]
         black = cv2.imencode(".jpg", np.zeros((CAMERA.height, CAMERA.width), np.uint8))[1].tobytes()
-        stamps_ns = [self.frames[-1][1] + 33_000_000 * number for number in range(1, 11)]
+        stamps_ns = [self.frames[-1][1] + 200_000_000 * number for number in range(1, 11)]
         states = [self.player.play(compressed_message(black, stamp_ns), 1.0).state for stamp_ns in stamps_ns]
         self.assertIn(VisualOdometryStatus.LOST, states)
         self.assertNotEqual(states[-1], VisualOdometryStatus.TRACKING)

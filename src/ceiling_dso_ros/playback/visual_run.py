@@ -145,6 +145,6 @@ class VisualRun:
         self._last_image = None
 
     def _repeats(self, image: np.ndarray) -> bool:
-        """Whether an image is the very same as the last one: the noise of a sensor never is."""
+        """Whether an image is the very same as the last one, which only one without noise can be: black or white."""
         last, self._last_image = self._last_image, image
-        return last is not None and np.array_equal(image, last)
+        return last is not None and np.array_equal(image, last) and image.min() != image.max()
