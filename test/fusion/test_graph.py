@@ -141,3 +141,24 @@ def test_a_visual_motion_without_a_solution_is_left_out():
     np.testing.assert_allclose(estimate.pose, poses[-1], atol=0.01)
     assert np.isfinite(estimate.covariance).all()
     assert estimate.log_scale == pytest.approx(np.log(SCALE), abs=0.05)
+
+
+def refuse(*_):
+    raise RuntimeError
+
+
+@pytest.mark.parametrize(("filled", "part"), [(3, "_builder.factors"), (10, "_builder.factors"), (10, "_motion")])
+def test_what_cannot_be_added_changes_nothing(filled, part, monkeypatch):
+    """Whether the window is not full yet, or something has to leave it."""
+    intervals, _ = chain(filled + 3)
+    graph, untouched = (WindowGraph(config(window=10), NOISE, keep_history=True) for _ in range(2))
+    before = run(graph, intervals[:filled])
+    holder = graph._builder if "." in part else graph
+    with monkeypatch.context() as broken:
+        broken.setattr(holder, part.rpartition(".")[2], refuse)
+        with pytest.raises(RuntimeError):
+            graph.add(intervals[filled])
+    assert (graph.newest, len(graph.intervals), len(graph.history)) == (filled, filled, 0)
+    np.testing.assert_allclose(graph.optimize().pose, before.pose, atol=1e-6)
+    run(untouched, intervals[:filled])
+    np.testing.assert_allclose(run(graph, intervals[filled:]).pose, run(untouched, intervals[filled:]).pose, atol=1e-6)

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.ros
 
 from nav_msgs.msg import Odometry  # noqa: E402
 from rosless import Rosless  # noqa: E402
-from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from straight_drive import Drive  # noqa: E402
 
@@ -21,6 +21,7 @@ from ceiling_dso_ros.ros import diagnostics, trajectory_keeper  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
 from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
+from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
 
 ROBOT = {
     "ticks_per_turn": 4096.0,
@@ -281,3 +282,16 @@ def test_the_cameras_trajectories_are_saved(camera, tmp_path):
         "camera_final.tum",
         "keyframes.tum",
     ]
+
+
+def test_wheels_whose_first_angles_are_not_finite(rosless):
+    world = rosless(robot=ROBOT)
+    server = WheelServer()
+    stamp_ns = Drive.BEGIN_NS
+    for left, right in ((float("nan"), 0.0), (1.0, 1.0), (1.1, 1.1)):
+        stamp_ns += 20_000_000
+        header = Header(stamp=ros_time(stamp_ns))
+        world.callbacks["joint_states"](JointState(header, ["left_wheel", "right_wheel"], [left, right], [], []))
+    assert world.sent["wheel/odometry"] == 2
+    assert world.newest["wheel/odometry"].header.stamp == ros_time(stamp_ns)
+    assert server._samples.rejected == 1

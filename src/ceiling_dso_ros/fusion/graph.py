@@ -229,18 +229,24 @@ class WindowGraph:
         return self._intervals[-1].end if self._intervals else 0
 
     def add(self, interval: Interval) -> None:
-        """Append the newest keyframe, and turn what leaves the window into a prior."""
-        before = self._values.atPose2(factors.pose_key(interval.end - 1))
-        pose = before.compose(self._builder.guess(interval))
+        """Append the newest keyframe, and turn what leaves the window into a prior; on errors nothing changes.
+
+        Raises:
+            RuntimeError: of gtsam, such as for a covariance that is not positive.
+        """
+        values = gtsam.Values(self._values)
+        pose = values.atPose2(factors.pose_key(interval.end - 1)).compose(self._builder.guess(interval))
         log_scale = self._builder.first_log_scale()
         if interval.continues:
-            log_scale = self._values.atDouble(factors.scale_key(interval.end - 1))
-        self._values.insert(factors.pose_key(interval.end), pose)
-        self._values.insert(factors.scale_key(interval.end), log_scale)
+            log_scale = values.atDouble(factors.scale_key(interval.end - 1))
+        values.insert(factors.pose_key(interval.end), pose)
+        values.insert(factors.scale_key(interval.end), log_scale)
+        new_factors = self._builder.factors(interval)
+        if len(self._intervals) == self._window:
+            self._marginalise_oldest(values)
+        self._values = values
         self._intervals.append(interval)
-        self._factors[interval.end] = self._builder.factors(interval)
-        if len(self._intervals) > self._window:
-            self._marginalise_oldest()
+        self._factors[interval.end] = new_factors
 
     def revise(self, end: int, **changes: Any) -> None:  # noqa: ANN401 each attribute has its own type
         """Replace an interval; no effect if it has left the window."""
@@ -292,22 +298,24 @@ class WindowGraph:
             covariance[4:, 4:] if self._estimate_wheels else self._constants_covariance,
         )
 
-    def _marginalise_oldest(self) -> None:
-        """Eliminate the oldest node from its factors; what remains on the other nodes becomes the prior."""
-        interval = self._intervals.popleft()
+    def _marginalise_oldest(self, values: gtsam.Values) -> None:
+        """Eliminate the oldest node from its factors and from the values; the prior is what remains on other nodes."""
+        interval = self._intervals[0]
         touching = gtsam.NonlinearFactorGraph()
-        for factor in self._prior + self._factors.pop(interval.end):
+        for factor in self._prior + self._factors[interval.end]:
             touching.push_back(factor)
         oldest = [factors.pose_key(interval.end - 1), factors.scale_key(interval.end - 1)]
-        oldest = [key for key in oldest if self._values.exists(key)]
-        _, remaining = touching.linearize(self._values).eliminatePartialSequential(oldest)
-        self._prior = [
-            gtsam.LinearContainerFactor(remaining.at(index), self._values) for index in range(remaining.size())
-        ]
-        if self.history is not None:
-            self.history.append(self._motion(interval))
+        oldest = [key for key in oldest if values.exists(key)]
+        _, remaining = touching.linearize(values).eliminatePartialSequential(oldest)
+        prior = [gtsam.LinearContainerFactor(remaining.at(index), values) for index in range(remaining.size())]
+        left = None if self.history is None else self._motion(interval)
         for key in oldest:
-            self._values.erase(key)
+            values.erase(key)
+        self._prior = prior
+        self._intervals.popleft()
+        del self._factors[interval.end]
+        if self.history is not None and left is not None:
+            self.history.append(left)
 
     def _motion(self, interval: Interval) -> np.ndarray:
         start = self._values.atPose2(factors.pose_key(interval.end - 1))
