@@ -30,3 +30,19 @@ def test_bag_without_poses_is_refused(tmp_path, capsys):
     bag = published(tmp_path / "published.bag", "/elsewhere")
     assert main(["collect", str(bag), "--out", str(tmp_path)]) == 2
     assert str(bag) in capsys.readouterr().err
+
+
+def test_the_folder_of_a_node_that_was_killed(tmp_path, capsys):
+    from ceiling_dso_ros.fusion.config import FusionConfig
+    from ceiling_dso_ros.playback.fusion_spool import FusionSpool
+    from ceiling_dso_ros.playback.spool import SpoolFolder
+
+    spool = FusionSpool(SpoolFolder(tmp_path, "fusion_node"), 10**6, FusionConfig()).path
+    (spool / "fused.tum").write_text("1.0 0 0 0 0 0 0 1\n2.0 0 0 0 0 0 0 1\n")
+    assert main(["collect", str(spool), "--out", str(tmp_path / "out")]) == 0
+    assert f"{tmp_path / 'out' / 'fused.tum'}: 2 poses" in capsys.readouterr().out
+    assert len(read_tum(tmp_path / "out" / "fused.tum")) == 2
+    (tmp_path / "out" / "fused.tum").unlink()
+    (tmp_path / "out" / "fused.tum").mkdir()
+    assert main(["collect", str(spool), "--out", str(tmp_path / "out")]) == 1
+    assert "fused.tum: cannot write the trajectory: Is a directory" in capsys.readouterr().err

@@ -35,6 +35,25 @@ def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, tr
     assert (np.diff([state.stamp_ns for state in outputs]) > 0).all()
 
 
+def test_images_without_wheels_do_not_pile_up(loops):
+    """One wheel sample, then none: nothing tells when the camera's data could be used."""
+    estimator = FusionEstimator(loops.robot)
+    stamp_ns, *first = loops.ticks[0]
+    estimator.add_wheel_ticks(stamp_ns, *first)
+    most, begin_ns = 0, loops.statuses[0].stamp_ns
+    for status in loops.statuses:
+        estimator.add_keyframes(status)
+        estimator.add_frame(status)
+        most = max(most, len(estimator._waiting))
+    assert seconds(loops.statuses[-1].stamp_ns - begin_ns) > 20.0
+    assert 300 <= most <= 400
+    waiting = [seconds(entry[0] - estimator._waiting[-1][0]) for entry in estimator._waiting]
+    assert min(waiting) >= -10.0
+    state = [estimator.add_wheel_ticks(*sample[:1], *sample[1:]) for sample in loops.ticks[-100:]][-1]
+    assert estimator._waiting == []
+    assert np.isfinite(state.pose).all()
+
+
 def test_a_silent_camera_is_reported(loops, fuse):
     begin = loops.stamps[0]
     quiet = dataclasses.replace(

@@ -3,43 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from winding_chain import BASE, NOISE, SCALE, chain, config
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig, ScaleConfig, WheelConfig
-from ceiling_dso_ros.fusion.graph import Interval, WindowGraph, smooth
-from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
-
-BASE, LEVER, SCALE = 0.5, np.array([0.18, 0.04, 0.62]), 4.3
-NOISE = WheelNoise(WheelConfig(), BASE, 1e-4)
-
-
-def config(window=20, **parts):
-    return FusionConfig(graph=GraphConfig(window=window), **parts)
-
-
-def chain(count, rng=None, wheel_turn=0.0, segment_at=None):
-    """Intervals of a winding drive, and the true poses; wheels turn wheel_turn rad per metre too much."""
-    intervals, poses, scale = [], [np.zeros(3)], SCALE
-    for end in range(1, count + 1):
-        twist = np.array([0.15, 0.0, 0.1 * np.sin(0.3 * end)])
-        poses.append(planar.compose(poses[-1], planar.expmap(twist)))
-        seen = np.array([0.15, 0.0, twist[2] + 0.15 * wheel_turn])
-        step = WheelStep((end - 1) * 10**9, end * 10**9, seen)
-        noise = np.zeros(3)
-        if rng is not None:
-            noise = rng.normal(size=3) * [1.5e-4, 1.5e-4, 2e-4]
-            step = replace(step, twist=seen + np.linalg.cholesky(NOISE.white(step)) @ rng.normal(size=3))
-        wheels = NOISE.extend(WheelMotion.nothing((end - 1) * 10**9), step)
-        first = end == 1 or end == segment_at
-        scale = 1.4 * SCALE if segment_at is not None and end >= segment_at else SCALE
-        camera = planar.lift(planar.expmap(twist))
-        turned = camera[:3, :3] @ LEVER - LEVER
-        visual = VisualMotion(
-            (camera[:2, 3] + turned[:2]) / scale + noise[:2], 0.0, twist[2] + noise[2], np.zeros(2), LEVER
-        )
-        intervals.append(Interval(end, end * 10**9, wheels, None if first else visual, continues=not first))
-    return intervals, poses
+from ceiling_dso_ros.fusion.graph import WindowGraph
+from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelStep
 
 
 def run(graph, intervals):
@@ -118,23 +87,6 @@ def test_what_leaves_the_window_stays_as_a_prior():
     assert short.scale_sigma == pytest.approx(whole.scale_sigma, rel=0.02)
 
 
-def test_smoothing_ends_where_the_live_estimate_ends():
-    intervals, _ = chain(80, np.random.default_rng(2))
-    live = run(WindowGraph(config(window=100), NOISE), intervals)
-    nodes = smooth(intervals, config(), NOISE)
-    assert len(nodes) == 80
-    np.testing.assert_allclose(nodes[-1].pose, live.pose, atol=1e-4)
-    assert nodes[-1].stamp_ns == live.stamp_ns
-
-
-def test_one_wrong_visual_motion_does_little_harm():
-    intervals, poses = chain(60)
-    wrong = replace(intervals[30].visual, shift=intervals[30].visual.shift + np.array([0.05, -0.05]))
-    intervals[30] = replace(intervals[30], visual=wrong)
-    nodes = smooth(intervals, config(), NOISE)
-    assert np.abs(nodes[-1].pose[:2] - poses[-1][:2]).max() < 0.05 * SCALE / 5
-
-
 def test_revising_a_motion_replaces_it():
     intervals, poses = chain(12)
     graph = WindowGraph(config(), NOISE)
@@ -167,7 +119,7 @@ def test_history_is_kept_only_when_asked_for(keep):
     graph = WindowGraph(config(window=10), NOISE, keep_history=keep)
     run(graph, intervals)
     assert len(graph.intervals) == 10
-    assert (len(graph.history) == 20) if keep else (graph.history is None)
+    assert (graph.history is None) if not keep else [int(motion["end"]) for motion in graph.history] == [*range(1, 21)]
 
 
 def test_the_wheels_constants_and_the_cameras_yaw_can_be_estimated():
@@ -189,3 +141,24 @@ def test_a_visual_motion_without_a_solution_is_left_out():
     np.testing.assert_allclose(estimate.pose, poses[-1], atol=0.01)
     assert np.isfinite(estimate.covariance).all()
     assert estimate.log_scale == pytest.approx(np.log(SCALE), abs=0.05)
+
+
+def refuse(*_):
+    raise RuntimeError
+
+
+@pytest.mark.parametrize(("filled", "part"), [(3, "_builder.factors"), (10, "_builder.factors"), (10, "_motion")])
+def test_what_cannot_be_added_changes_nothing(filled, part, monkeypatch):
+    """Whether the window is not full yet, or something has to leave it."""
+    intervals, _ = chain(filled + 3)
+    graph, untouched = (WindowGraph(config(window=10), NOISE, keep_history=True) for _ in range(2))
+    before = run(graph, intervals[:filled])
+    holder = graph._builder if "." in part else graph
+    with monkeypatch.context() as broken:
+        broken.setattr(holder, part.rpartition(".")[2], refuse)
+        with pytest.raises(RuntimeError):
+            graph.add(intervals[filled])
+    assert (graph.newest, len(graph.intervals), len(graph.history)) == (filled, filled, 0)
+    np.testing.assert_allclose(graph.optimize().pose, before.pose, atol=1e-6)
+    run(untouched, intervals[:filled])
+    np.testing.assert_allclose(run(graph, intervals[filled:]).pose, run(untouched, intervals[filled:]).pose, atol=1e-6)

@@ -80,3 +80,10 @@ def test_a_short_spin_of_both_wheels_is_no_jump(monitor):
     results = feed(monitor, [interval(k, wheel=(0.3 if 10 <= k < 13 else 0.15, 0.01)) for k in range(1, 30)])
     assert [k for k, (slips, _) in enumerate(results, 1) if slips] == [10, 11, 12]
     assert all(jump is None for _, jump in results)
+
+
+def test_of_many_slips_the_newest_are_kept(monitor, monkeypatch):
+    monkeypatch.setattr("ceiling_dso_ros.fusion.slip.MOST_REPORTS", 5)
+    for number in range(20):
+        feed(monitor, [interval(10 * number + 1, wheel=(0.3, 0.1))])
+    assert [report.start_ns for report in monitor.reports] == [10 * number * STEP_NS for number in range(15, 20)]

@@ -22,6 +22,7 @@ from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.stamps import parse_stamp_ns
 from ceiling_dso_ros.msg import VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import pose_from_matrix
+from ceiling_dso_ros.ros.odometry_publisher import PATH_SPACING
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 FOLDER = Path(os.environ.get("CEILING_DSO_DATA", CHECKOUT.parent / "shared" / "data")) / "ceiling_loops"
@@ -107,11 +108,14 @@ class DsoNodeCeiling(unittest.TestCase):
         self.assertLessEqual(stamps_ns, {stamp_ns for _, stamp_ns, _ in self.frames})
         self.assertTrue(all(len(status.pose) == (status in self.tracked) for status in self.statuses))
 
-    def test_path_holds_the_newest_poses(self):
+    def test_path_is_that_of_the_poses_thinned(self):
         path = self.player.paths[-1]
         self.assertEqual(path.header.frame_id, "vo")
-        stamps = [message.header.stamp for message in self.player.odometry]
-        self.assertEqual([pose.header.stamp for pose in path.poses], stamps[: len(path.poses)])
+        self.assertGreater(len(path.poses), 10)
+        known = {message.header.stamp: message.pose.pose for message in self.player.odometry}
+        self.assertEqual([pose.pose for pose in path.poses], [known[pose.header.stamp] for pose in path.poses])
+        places = np.array([components(pose.pose)[:3] for pose in path.poses])
+        self.assertGreaterEqual(np.linalg.norm(np.diff(places, axis=0), axis=1)[:-1].min(), PATH_SPACING)
 
     def test_z_plays_the_recording_again(self):
         """After a reset it gives the same again; settings change while the node runs."""

@@ -87,3 +87,14 @@ def test_there_is_nothing_to_set_back_before_the_first_stamp():
     clock.set_back(5)
     assert clock.last_ns is None
     assert clock.inner_ns(7) == 7
+
+
+def test_a_clock_that_is_set_back_for_ever_does_not_fill_the_memory(monkeypatch):
+    monkeypatch.setattr("ceiling_dso_ros.ros.data_clock.MOST_ERAS", 3)
+    clock = clock_after(START_NS - STEP_NS, START_NS)
+    for number in range(1, 10):
+        stamp_ns = START_NS - number * 10**9
+        assert clock.take(stamp_ns) is StampKind.BACK
+        clock.set_back(stamp_ns)
+        assert clock.stamp_ns(clock.inner_ns(stamp_ns)) == stamp_ns
+    assert len(clock._eras) == 3

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import threading
 
-from ceiling_dso_ros.ros.exposures import ExposureLookup
+from ceiling_dso_ros.ros.exposures import PATIENCE, ExposureLookup
 
 
 def test_exposure_of_the_same_stamp_and_of_no_other():
@@ -43,3 +43,67 @@ def test_only_the_last_ones_are_kept():
     for stamp_ns in (10, 20, 30):
         exposures.add(stamp_ns, float(stamp_ns))
     assert [exposures.at(stamp_ns, 0.0) for stamp_ns in (10, 20)] == [None, 20.0]
+
+
+class Silent:
+    """A connected publisher that says nothing: who waits for it waits until the time is over, which a clock counts."""
+
+    def __init__(self):
+        self.now_s = 100.0
+        self.waits = 0
+        self.exposures = ExposureLookup(monotonic_s=lambda: self.now_s)
+        self.exposures._condition.wait_for = self.wait_for
+
+    def wait_for(self, predicate, timeout_s):
+        if timeout_s > 0.0 and not predicate():
+            self.waits += 1
+            self.now_s += timeout_s
+        return predicate()
+
+    def image(self, stamp_ns):
+        return self.exposures.at(stamp_ns, 0.05)
+
+
+def test_images_stop_waiting_for_a_publisher_that_is_silent():
+    silent = Silent()
+    for stamp_ns in range(10, 40):
+        assert silent.image(stamp_ns) is None
+    assert silent.waits == PATIENCE
+    assert silent.exposures.is_late
+
+
+def test_they_wait_again_when_exposures_come_again():
+    silent = Silent()
+    for stamp_ns in range(10, 40):
+        silent.image(stamp_ns)
+    silent.exposures.add(40, 4.0)  # sooner than its image
+    assert not silent.exposures.is_late
+    assert silent.image(40) == 4.0
+    silent.image(41)
+    assert silent.waits == PATIENCE + 1
+
+
+def test_an_exposure_that_is_a_little_later_than_its_image_is_in_time():
+    silent = Silent()
+    for stamp_ns in range(10, 40):
+        silent.image(stamp_ns)
+    silent.now_s += 0.02
+    silent.exposures.add(39, 4.0)
+    assert not silent.exposures.is_late
+
+
+def test_exposures_that_are_always_too_late_are_not_waited_for():
+    silent = Silent()
+    for stamp_ns in range(10, 40):
+        found = silent.image(stamp_ns)
+        silent.now_s += 0.1
+        silent.exposures.add(stamp_ns, float(stamp_ns))
+    assert silent.waits == PATIENCE
+    assert found is None
+
+
+def test_without_a_publisher_nothing_is_missed():
+    exposures = ExposureLookup()
+    for stamp_ns in range(10, 40):
+        exposures.at(stamp_ns, 0.0)
+    assert not exposures.is_late

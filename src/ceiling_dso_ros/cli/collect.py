@@ -16,9 +16,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "collect",
         help="convert the recorded output of the nodes into trajectories",
         description="Write camera.tum, wheel.tum and fused.tum from a bag with the output of the nodes, for example "
-        "from playback.launch record:=BAG.",
+        "from playback.launch record:=BAG; or all trajectories that a node has left that was killed.",
     )
-    parser.add_argument("bag", metavar="BAG", type=Path, help="a ROS 1 bag")
+    parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or the folder of a node: NODE....spool")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")
     for name, topic in TOPICS.items():
         parser.add_argument(f"--{name}-topic", metavar="TOPIC", default=topic, help="default %(default)s")
@@ -29,15 +29,20 @@ def execute(options: argparse.Namespace) -> None:
     """Write the trajectories.
 
     Raises:
-        InputError: the bag cannot be read or has none of the topics, or the folder cannot be written.
+        InputError: the input cannot be read or has no poses, or the folder cannot be written.
+        OutputError: a trajectory of a node's folder cannot be written; the others are.
     """
     from ceiling_dso_ros.io.bag_trajectories import read_trajectories
     from ceiling_dso_ros.io.trajectory import write_tum
+    from ceiling_dso_ros.playback.spool_files import is_spool
 
+    if is_spool(options.input):
+        _collect_spool(options.input, options.out)
+        return
     topics = {name: getattr(options, f"{name}_topic") for name in TOPICS}
-    trajectories = read_trajectories(options.bag, topics)
+    trajectories = read_trajectories(options.input, topics)
     if not trajectories:
-        raise InputError(f"{options.bag}: no poses on {', '.join(topics.values())}")
+        raise InputError(f"{options.input}: no poses on {', '.join(topics.values())}")
     try:
         with output_folder(options.out) as folder:
             for name, trajectory in trajectories.items():
@@ -46,3 +51,14 @@ def execute(options: argparse.Namespace) -> None:
         raise InputError(str(error)) from error
     for name, trajectory in trajectories.items():
         print(f"{options.out / name}.tum: {len(trajectory)} poses of {topics[name]}")
+
+
+def _collect_spool(spool: Path, out: Path) -> None:
+    from ceiling_dso_ros.playback.spool_files import write_all
+
+    with output_folder(out) as folder:
+        written = write_all(spool, folder)
+    for name, count in written.poses.items():
+        print(f"{out / name}: {count} poses")
+    if written.errors:
+        raise OutputError("; ".join(written.errors))

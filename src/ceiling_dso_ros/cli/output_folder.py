@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Iterator
 
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.errors import InputError, reason_of
 
 
 @contextmanager
@@ -19,4 +19,4 @@ def output_folder(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         yield folder
     except OSError as error:
-        raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from error
+        raise InputError(f"{folder}: cannot write there: {reason_of(error)}; choose another --out") from error

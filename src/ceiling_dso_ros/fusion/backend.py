@@ -12,9 +12,11 @@ from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.durations import LONG_AGO_NS
-from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, SmoothedNode, WindowGraph, smooth
+from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
+from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.slip import SlipMonitor
+from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
 from ceiling_dso_ros.fusion.state import ScaleState
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
@@ -157,8 +159,23 @@ class KeyframeBackend:
         """
         if self._graph.history is None:
             raise RuntimeError("the fusion was not told to keep the history")
-        nodes = smooth([*self._graph.history, *self._graph.intervals], self._config, self._noise)
+        nodes = smooth(np.array([*self._graph.history, *self._graph.motions()], MOTION), self._config)
         return [replace(node, pose=planar.compose(origin, node.pose)) for node in nodes]
+
+    def take_settled(self) -> List[np.ndarray]:
+        """Take out what has left the window, each MOTION; who takes it keeps it elsewhere, so that memory is bounded.
+
+        Raises:
+            RuntimeError: the history was not kept.
+        """
+        if self._graph.history is None:
+            raise RuntimeError("the fusion was not told to keep the history")
+        settled, self._graph.history = self._graph.history, []
+        return settled
+
+    def unsettled(self) -> List[np.ndarray]:
+        """What the keyframes of the window have measured so far, each MOTION: it follows what was taken last."""
+        return self._graph.motions()
 
     def _motion_to(self, keyframe: KeyframeEstimate) -> Optional[VisualMotion]:
         T = self._chain.motion_to(keyframe)

@@ -21,21 +21,23 @@ from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
 from ceiling_dso_ros.fusion.contradiction import Contradiction
 from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
-from ceiling_dso_ros.fusion.graph import GraphEstimate, SmoothedNode
+from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.relative_filter import Sighting
 from ceiling_dso_ros.fusion.slip import SlipReport
+from ceiling_dso_ros.fusion.smoothing import SmoothedNode
 from ceiling_dso_ros.fusion.state import FusedState, ScaleState
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
-from ceiling_dso_ros.fusion.wheel_track import WheelTrack
+from ceiling_dso_ros.fusion.wheel_track import HORIZON_S, WheelTrack
 
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
 LONG_BASELINE_NS = nanoseconds(0.5)  # slow wheels that slip contradict images only over some time
 LONGEST_PREDICTION_S = 2.0  # the odometry gives up its map earlier, by default
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
+LONGEST_WAIT_NS = nanoseconds(HORIZON_S)  # of camera data for the wheels: what is older cannot be related to them
 
 
 class _SeenMotion(NamedTuple):
@@ -172,6 +174,19 @@ class FusionEstimator:
         """All keyframes so far as the graph of the whole recording estimates them, in odom; needs keep_history."""
         return self._backend.smoothed(self._origin)
 
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,) pose of the first wheel sample in odom; `set_pose` changes it."""
+        return self._origin
+
+    def take_settled(self) -> List[np.ndarray]:
+        """Take out the measurements of the keyframes that are no longer refined, each MOTION; needs keep_history."""
+        return self._backend.take_settled()
+
+    def unsettled(self) -> List[np.ndarray]:
+        """The measurements of the keyframes that are still refined, each MOTION: they follow those taken last."""
+        return self._backend.unsettled()
+
     def _add_step(self, step: Optional[WheelStep]) -> Optional[FusedState]:
         if step is None:
             return None
@@ -216,7 +231,10 @@ class FusionEstimator:
         """Keep camera data until a later wheel sample arrives; without any wheel sample so far it is dropped."""
         if not self.wheels.heard:
             return
-        bisect.insort(self._waiting, (self._on_wheel_clock(item.stamp_ns), next(self._count), item))
+        stamp_ns = self._on_wheel_clock(item.stamp_ns)
+        bisect.insort(self._waiting, (stamp_ns, next(self._count), item))
+        while self._waiting[0][0] < stamp_ns - LONGEST_WAIT_NS:
+            self._waiting.pop(0)
 
     def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
         """While the wheels are silent, continue without them from image to image."""

@@ -2,7 +2,7 @@
 """The factor graph: base poses and log-scales of the keyframes, connected by factors of wheels and camera.
 
 `WindowGraph` keeps the newest keyframes for the live estimate; what leaves the window stays as a Gaussian prior on the
-oldest that remain. `smooth` solves the graph of a whole recording at once, built from the same factors.
+oldest that remain. `smoothing.py` solves the graph of a whole drive at once, from the same measurements.
 """
 
 import math
@@ -15,6 +15,7 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import factors
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
@@ -83,9 +84,10 @@ class FactorBuilder:
         known = noise.constants_covariance(with_radius=False)
         self._unmodelled = np.zeros((3, 3)) if self._estimate_wheels else known
         visual = config.visual
-        sigmas = np.array([visual.translation_sigma, visual.translation_sigma, visual.yaw_sigma_rad])
+        self._visual_sigmas = np.array([visual.translation_sigma, visual.translation_sigma, visual.yaw_sigma_rad])
         self._visual_noise = gtsam.noiseModel.Robust.Create(
-            gtsam.noiseModel.mEstimator.Huber.Create(visual.robust_threshold), gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+            gtsam.noiseModel.mEstimator.Huber.Create(visual.robust_threshold),
+            gtsam.noiseModel.Diagonal.Sigmas(self._visual_sigmas),
         )
 
     def first_factors(self) -> List[gtsam.NonlinearFactor]:
@@ -121,6 +123,21 @@ class FactorBuilder:
             result.append(factors.visual_factor(keys, interval.visual, self._visual_noise, self._estimate_wheels))
         return result
 
+    def motion(self, interval: Interval, start_pose: np.ndarray) -> np.ndarray:
+        """The same as numbers: one MOTION, given the (3,) pose of its start."""
+        motion = np.zeros((), MOTION)
+        motion["end"], motion["stamp_ns"], motion["start_pose"] = interval.end, interval.stamp_ns, start_pose
+        motion["wheels"], motion["by_constants"] = interval.wheels.pose, interval.wheels.jacobian[:, 1:]
+        motion["wheels_covariance"] = self._wheel_covariance(interval)
+        motion["continues"], motion["walk_sigma"] = interval.continues, self._walk_sigma(interval)
+        motion["log_scale"] = self.first_log_scale(), self._first_scale_sigma()
+        visual = interval.visual
+        if visual is not None:
+            motion["is_seen"], motion["shift"], motion["yaw"] = True, visual.shift, visual.yaw
+            motion["lever_m"], motion["swing_m"] = visual.lever_m[:2], visual.lever_m[2] * visual.tilt
+            motion["visual_covariance"] = np.diag(self._visual_sigmas**2)
+        return motion
+
     @staticmethod
     def guess(interval: Interval) -> gtsam.Pose2:
         """Approximate motion of the base; the rotation is the camera's, which is more accurate and needs no scale."""
@@ -133,13 +150,20 @@ class FactorBuilder:
 
     def _scale_factor(self, interval: Interval) -> gtsam.NonlinearFactor:
         end = factors.scale_key(interval.end)
-        config = self._config.scale
         if interval.continues:
-            way = STANDING_SHIFT if interval.visual is None else max(STANDING_SHIFT, np.hypot(*interval.visual.shift))
-            walk = gtsam.noiseModel.Isotropic.Sigma(1, config.walk_sigma * math.sqrt(way))
+            walk = gtsam.noiseModel.Isotropic.Sigma(1, self._walk_sigma(interval))
             return gtsam.BetweenFactorDouble(factors.scale_key(interval.end - 1), end, 0.0, walk)
-        sigma = config.height_sigma if config.ceiling_height_m else FIRST_HEIGHT_SIGMA
-        return gtsam.PriorFactorDouble(end, self.first_log_scale(), gtsam.noiseModel.Isotropic.Sigma(1, sigma))
+        prior = gtsam.noiseModel.Isotropic.Sigma(1, self._first_scale_sigma())
+        return gtsam.PriorFactorDouble(end, self.first_log_scale(), prior)
+
+    def _walk_sigma(self, interval: Interval) -> float:
+        """Of the change of the log-scale over an interval."""
+        way = STANDING_SHIFT if interval.visual is None else max(STANDING_SHIFT, np.hypot(*interval.visual.shift))
+        return self._config.scale.walk_sigma * math.sqrt(way)
+
+    def _first_scale_sigma(self) -> float:
+        """Of `first_log_scale`."""
+        return self._config.scale.height_sigma if self._config.scale.ceiling_height_m else FIRST_HEIGHT_SIGMA
 
     def _wheel_covariance(self, interval: Interval) -> np.ndarray:
         covariance = self._noise.covariance(interval.wheels, self._unmodelled)
@@ -170,7 +194,8 @@ class WindowGraph:
     """The live estimate over the newest keyframes; its cost does not grow with the distance driven.
 
     Attributes:
-        history: the intervals that have left the window; None unless they are to be kept.
+        history: what the intervals that have left the window have measured, MOTION in their order, for `smooth`; None
+            unless they are to be kept. Who takes some out keeps them elsewhere.
     """
 
     def __init__(self, config: FusionConfig, noise: WheelNoise, keep_history: bool = False) -> None:
@@ -187,12 +212,16 @@ class WindowGraph:
         self._parameters.setMaxIterations(MAX_ITERATIONS)
         self._parameters.setRelativeErrorTol(COST_TOLERANCE)
         self._parameters.setAbsoluteErrorTol(COST_TOLERANCE)
-        self.history: Optional[List[Interval]] = [] if keep_history else None
+        self.history: Optional[List[np.ndarray]] = [] if keep_history else None
 
     @property
     def intervals(self) -> Sequence[Interval]:
         """The intervals of the window, the oldest first."""
         return self._intervals
+
+    def motions(self) -> List[np.ndarray]:
+        """What the intervals of the window measure, each MOTION."""
+        return [self._motion(interval) for interval in self._intervals]
 
     @property
     def newest(self) -> int:
@@ -200,18 +229,24 @@ class WindowGraph:
         return self._intervals[-1].end if self._intervals else 0
 
     def add(self, interval: Interval) -> None:
-        """Append the newest keyframe, and turn what leaves the window into a prior."""
-        before = self._values.atPose2(factors.pose_key(interval.end - 1))
-        pose = before.compose(self._builder.guess(interval))
+        """Append the newest keyframe, and turn what leaves the window into a prior; on errors nothing changes.
+
+        Raises:
+            RuntimeError: of gtsam, such as for a covariance that is not positive.
+        """
+        values = gtsam.Values(self._values)
+        pose = values.atPose2(factors.pose_key(interval.end - 1)).compose(self._builder.guess(interval))
         log_scale = self._builder.first_log_scale()
         if interval.continues:
-            log_scale = self._values.atDouble(factors.scale_key(interval.end - 1))
-        self._values.insert(factors.pose_key(interval.end), pose)
-        self._values.insert(factors.scale_key(interval.end), log_scale)
+            log_scale = values.atDouble(factors.scale_key(interval.end - 1))
+        values.insert(factors.pose_key(interval.end), pose)
+        values.insert(factors.scale_key(interval.end), log_scale)
+        new_factors = self._builder.factors(interval)
+        if len(self._intervals) == self._window:
+            self._marginalise_oldest(values)
+        self._values = values
         self._intervals.append(interval)
-        self._factors[interval.end] = self._builder.factors(interval)
-        if len(self._intervals) > self._window:
-            self._marginalise_oldest()
+        self._factors[interval.end] = new_factors
 
     def revise(self, end: int, **changes: Any) -> None:  # noqa: ANN401 each attribute has its own type
         """Replace an interval; no effect if it has left the window."""
@@ -263,64 +298,25 @@ class WindowGraph:
             covariance[4:, 4:] if self._estimate_wheels else self._constants_covariance,
         )
 
-    def _marginalise_oldest(self) -> None:
-        """Eliminate the oldest node from its factors; what remains on the other nodes becomes the prior."""
-        interval = self._intervals.popleft()
+    def _marginalise_oldest(self, values: gtsam.Values) -> None:
+        """Eliminate the oldest node from its factors and from the values; the prior is what remains on other nodes."""
+        interval = self._intervals[0]
         touching = gtsam.NonlinearFactorGraph()
-        for factor in self._prior + self._factors.pop(interval.end):
+        for factor in self._prior + self._factors[interval.end]:
             touching.push_back(factor)
         oldest = [factors.pose_key(interval.end - 1), factors.scale_key(interval.end - 1)]
-        oldest = [key for key in oldest if self._values.exists(key)]
-        _, remaining = touching.linearize(self._values).eliminatePartialSequential(oldest)
-        self._prior = [
-            gtsam.LinearContainerFactor(remaining.at(index), self._values) for index in range(remaining.size())
-        ]
+        oldest = [key for key in oldest if values.exists(key)]
+        _, remaining = touching.linearize(values).eliminatePartialSequential(oldest)
+        prior = [gtsam.LinearContainerFactor(remaining.at(index), values) for index in range(remaining.size())]
+        left = None if self.history is None else self._motion(interval)
         for key in oldest:
-            self._values.erase(key)
-        if self.history is not None:
-            self.history.append(interval)
+            values.erase(key)
+        self._prior = prior
+        self._intervals.popleft()
+        del self._factors[interval.end]
+        if self.history is not None and left is not None:
+            self.history.append(left)
 
-
-@dataclass(frozen=True)
-class SmoothedNode:
-    """One keyframe of the whole graph's solution."""
-
-    stamp_ns: int
-    pose: np.ndarray
-    log_scale: float
-
-
-def smooth(intervals: Sequence[Interval], config: FusionConfig, noise: WheelNoise) -> List[SmoothedNode]:
-    """Solve the graph of a whole recording.
-
-    Args:
-        intervals: all of them, from the anchor on.
-        config: the settings of the live estimate.
-        noise: error model of the wheels.
-    """
-    builder = FactorBuilder(config, noise)
-    graph = gtsam.NonlinearFactorGraph()
-    values = builder.first_values()
-    for factor in builder.first_factors():
-        graph.push_back(factor)
-    guess, log_scale = gtsam.Pose2(), builder.first_log_scale()
-    for interval in intervals:
-        guess = guess.compose(builder.guess(interval))
-        values.insert(factors.pose_key(interval.end), guess)
-        values.insert(factors.scale_key(interval.end), log_scale)
-        for factor in builder.factors(interval):
-            graph.push_back(factor)
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setLinearSolverType(LINEAR_SOLVER)
-    solution = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-    nodes = []
-    for interval in intervals:
-        found = solution.atPose2(factors.pose_key(interval.end))
-        nodes.append(
-            SmoothedNode(
-                interval.stamp_ns,
-                np.array([found.x(), found.y(), found.theta()]),
-                solution.atDouble(factors.scale_key(interval.end)),
-            )
-        )
-    return nodes
+    def _motion(self, interval: Interval) -> np.ndarray:
+        start = self._values.atPose2(factors.pose_key(interval.end - 1))
+        return self._builder.motion(interval, np.array([start.x(), start.y(), start.theta()]))

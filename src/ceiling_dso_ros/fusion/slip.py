@@ -14,6 +14,8 @@ from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
+MOST_REPORTS = 10_000  # that are kept: a robot that slips every minute for a week
+
 
 @dataclass(frozen=True)
 class SlipReport:
@@ -47,7 +49,7 @@ class SlipMonitor:
     some time is slip. One that stays wrong by the same factor, while the turns agree, is a jump of the visual scale.
 
     Attributes:
-        reports: the slips so far; slips close in time are joined.
+        reports: the slips so far, of many only the newest; slips close in time are joined.
     """
 
     def __init__(self, config: FusionConfig, noise: WheelNoise) -> None:
@@ -119,3 +121,4 @@ class SlipMonitor:
             self.reports[-1] = SlipReport(self.reports[-1].start_ns, end_ns)
         else:
             self.reports.append(SlipReport(start_ns, end_ns))
+            del self.reports[:-MOST_REPORTS]

@@ -9,6 +9,8 @@ import numpy as np
 from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 
+HORIZON_S = 10.0
+
 
 class WheelTrack:
     """Stores the steps of the last seconds, and the motion since a mark, however long ago it was set.
@@ -18,7 +20,7 @@ class WheelTrack:
     starts, by the time since its first keyframe: the horizon must cover that.
     """
 
-    def __init__(self, noise: WheelNoise, horizon_s: float = 10.0) -> None:
+    def __init__(self, noise: WheelNoise, horizon_s: float = HORIZON_S) -> None:
         self._noise = noise
         self._horizon_ns = nanoseconds(horizon_s)
         self._steps: Deque[WheelStep] = deque()

@@ -12,3 +12,8 @@ class FrameError(Exception):
 
 class OutputError(OSError):
     """A file that cannot be written; the message names it and says why."""
+
+
+def reason_of(error: OSError) -> str:
+    """Why the system refused something, in words; errors that did not come from the system have no `strerror`."""
+    return error.strerror or str(error) or type(error).__name__

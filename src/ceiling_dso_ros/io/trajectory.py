@@ -3,17 +3,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import List, Optional, Tuple, Type, Union
+from typing import List, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp_ns
 from ceiling_dso_ros.io.text_files import read_lines
+
+LINE = "%s" + 7 * " %.9f" + "\n"
 
 
 @dataclass(frozen=True)
@@ -97,44 +98,11 @@ def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    poses = zip(trajectory.stamps_ns.tolist(), trajectory.positions, trajectory.quaternions_xyzw)
-    replace_file(path, "".join(_format_line(*pose) for pose in poses).encode(), "the trajectory")
+    replace_file(path, tum_lines(trajectory), "the trajectory")
 
 
-class TumWriter:
-    """A TUM file that grows with the run: each pose is on disk when `append` returns. A context manager.
-
-    Raises:
-        OutputError: the file cannot be written, from the constructor or `append`.
-    """
-
-    def __init__(self, path: Union[str, Path]) -> None:
-        self.path = Path(path)
-        try:
-            self._file = self.path.open("w", buffering=1)
-        except OSError as error:
-            raise OutputError(f"{self.path}: cannot write the trajectory: {error.strerror}") from error
-
-    def append(self, stamp_ns: int, T_frame_body: np.ndarray) -> None:
-        """Add the pose (4, 4) of stamp_ns."""
-        quaternion = Rotation.from_matrix(T_frame_body[:3, :3]).as_quat()
-        try:
-            self._file.write(_format_line(stamp_ns, T_frame_body[:3, 3], quaternion))
-        except OSError as error:
-            raise OutputError(f"{self.path}: cannot write the trajectory: {error.strerror}") from error
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def __enter__(self) -> "TumWriter":
-        return self
-
-    def __exit__(
-        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
-    ) -> None:
-        self.close()
-
-
-def _format_line(stamp_ns: int, position: np.ndarray, quaternion_xyzw: np.ndarray) -> str:
-    return " ".join([format_stamp(stamp_ns), *(f"{value:.9f}" for value in (*position, *quaternion_xyzw))]) + "\n"
+def tum_lines(trajectory: Trajectory) -> bytes:
+    """The lines of a TUM file."""
+    stamps = map(format_stamp, trajectory.stamps_ns.tolist())
+    poses = np.column_stack([trajectory.positions, trajectory.quaternions_xyzw]).tolist()
+    return "".join(LINE % (stamp, *pose) for stamp, pose in zip(stamps, poses)).encode()

@@ -7,7 +7,7 @@ from typing import Dict, Iterable, Sequence
 import numpy as np
 
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.graph import SmoothedNode
+from ceiling_dso_ros.fusion.smoothing import SmoothedNode
 from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.io.trajectory import Trajectory
 
@@ -26,13 +26,16 @@ class FusedRecord:
         self._fused.extend(state.pose)
         self._wheel.extend(wheel_pose)
 
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
     def wheel(self) -> Trajectory:
         """The wheels alone, at every sample but the first: base_link in odom."""
-        return _trajectory(self._stamps_ns, np.reshape(self._wheel, (-1, 3)))
+        return planar_trajectory(self._stamps_ns, np.reshape(self._wheel, (-1, 3)))
 
     def fused(self) -> Trajectory:
         """What was published: base_link in odom."""
-        return _trajectory(self._stamps_ns, np.reshape(self._fused, (-1, 3)))
+        return planar_trajectory(self._stamps_ns, np.reshape(self._fused, (-1, 3)))
 
     def files(self, smoothed: Sequence[SmoothedNode]) -> Dict[str, Trajectory]:
         """The trajectories by their file names; smoothed: the keyframes as the graph of all data estimates them."""
@@ -41,8 +44,9 @@ class FusedRecord:
 
 def smoothed_trajectory(nodes: Sequence[SmoothedNode]) -> Trajectory:
     """The keyframes by the graph: base_link in odom."""
-    return _trajectory([node.stamp_ns for node in nodes], [node.pose for node in nodes])
+    return planar_trajectory([node.stamp_ns for node in nodes], [node.pose for node in nodes])
 
 
-def _trajectory(stamps_ns: Sequence[int], poses: Iterable[np.ndarray]) -> Trajectory:
+def planar_trajectory(stamps_ns: Sequence[int], poses: Iterable[np.ndarray]) -> Trajectory:
+    """Trajectory of stamps and (3,) poses."""
     return Trajectory.from_matrices(stamps_ns, [planar.lift(pose) for pose in poses])

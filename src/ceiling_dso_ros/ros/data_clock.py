@@ -12,6 +12,7 @@ from typing import List, NamedTuple, Optional
 
 from ceiling_dso_ros.fusion.durations import seconds
 
+MOST_ERAS = 100  # that are kept: stamps that are still converted are younger
 BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back; a smaller one: a sample out of order
 
 
@@ -73,6 +74,7 @@ class DataClock:
             return
         self._last_ns += self._interval_ns
         self._eras.append(Era(self._last_ns, self._last_ns - stamp_ns))
+        del self._eras[:-MOST_ERAS]
 
     def inner_ns(self, stamp_ns: int) -> int:
         """A stamp of any stream on the inner clock.

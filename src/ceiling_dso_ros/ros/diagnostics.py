@@ -2,13 +2,14 @@
 """/diagnostics, published by wall time, so also while a simulated clock or a bag is paused."""
 
 import math
-import threading
 from collections import deque
-from typing import Deque, Optional
+from typing import Callable, Deque, Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
+
+from ceiling_dso_ros.ros.periodic import Periodic
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PERIOD_S = 0.4
@@ -81,15 +82,24 @@ class Stream:
 class Diagnostics:
     """Calls a node's `report(status)` a few times a second, in a thread of its own."""
 
-    def __init__(self, report: object, hardware_id: str) -> None:
+    def __init__(self, report: Callable[[DiagnosticStatusWrapper], DiagnosticStatusWrapper], hardware_id: str) -> None:
+        self._report = report
         self._updater = Updater()
         self._updater.setHardwareID(hardware_id)
-        self._updater.add("state", report)
-        self._end = threading.Event()
-        self._thread: Optional[threading.Thread] = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
-        rospy.on_shutdown(self._end.set)
+        self._updater.add("state", self._judge)
+        self._error: Optional[Exception] = None
+        Periodic(self._update, PERIOD_S, "diagnostics")
 
-    def _work(self) -> None:
-        while not self._end.wait(PERIOD_S):
-            self._updater.force_update()
+    def _update(self) -> None:
+        self._error = None
+        self._updater.force_update()
+        if self._error is not None:
+            raise self._error
+
+    def _judge(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+        try:
+            return self._report(status)
+        except Exception as error:  # silence would look as if the node had ended
+            self._error = error
+            status.summary(ERROR, f"the diagnostics fail: {type(error).__name__}: {error}")
+            return status

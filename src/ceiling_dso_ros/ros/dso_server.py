@@ -6,7 +6,7 @@ import threading
 import time
 import traceback
 from dataclasses import replace
-from typing import Dict, Optional, Union
+from typing import Dict, Optional, Tuple, Union
 
 import rospy
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -22,10 +22,9 @@ from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
-from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.msg import Exposure, MotionPrediction, VisualOdometryStatus
-from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
-from ceiling_dso_ros.playback.visual_run import VisualRun
+from ceiling_dso_ros.playback.camera_spool import CameraSpool
+from ceiling_dso_ros.playback.visual_run import TrackedImage, VisualRun
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.calibration_input import CalibrationInput
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
@@ -39,7 +38,8 @@ from ceiling_dso_ros.ros.node_parameters import DsoParameters
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.run_clock import RunClock
-from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
+from ceiling_dso_ros.ros.services import offer_trigger
+from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
 BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old images would wait in the socket
@@ -83,7 +83,7 @@ class DsoServer:
     Services:
         ~reset (std_srvs/Trigger): forget everything; the next image starts segment 0.
         ~pause, ~resume (std_srvs/Trigger): images in between are ignored.
-        ~save_trajectory (SaveTrajectory): write camera.tum, camera_final.tum and keyframes.tum.
+        ~save_trajectory (SaveTrajectory): write camera.tum, camera_final.tum and keyframes.tum, see `TrajectoryKeeper`.
 
     Parameters (private, read at start): `DsoParameters` and `OdometryConfig`; cfg/Dso.cfg has those that may change
         while running.
@@ -99,9 +99,9 @@ class DsoServer:
         own: DsoParameters = self._parameters
         self._frame_id, self._camera_frame_id = own.vo_frame.lstrip("/"), own.camera_frame.lstrip("/")
         self._size = parse_image_size(own.image_size, "image_size") if own.image_size else None
-        self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
+        self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
         self._frame_rate = FrameRateLimit()
         self._mailbox = Mailbox()
         self._exposures = ExposureLookup()
@@ -130,16 +130,15 @@ class DsoServer:
             message = self._mailbox.take(timeout_s=0.1)
             if message is not None:
                 with self._lock:
-                    self._process(message)
+                    self._process_safely(message)
         self._scheduler.close()
-        if self._trajectory_dir is not None:
-            print(save(self._trajectory_dir, self._trajectories()))
+        self._keeper.end()
 
     def _offer_services(self) -> None:
         offer_trigger("~reset", self._reset)
         offer_trigger("~pause", lambda: self._pause(True))
         offer_trigger("~resume", lambda: self._pause(False))
-        offer_save_trajectory(self._trajectories)
+        self._keeper.offer_service()
 
     def _connect(self, transport: str) -> None:
         if self._predictions is not None:
@@ -165,11 +164,19 @@ class DsoServer:
 
     # Work
 
+    def _process_safely(self, message: AnyImage) -> None:
+        """An error that is not of the odometry, such as one of publishing, concerns one image only."""
+        try:
+            self._process(message)
+        except Exception:
+            rospy.logerr_throttle(WARNING_PERIOD_S, f"an image was not processed: {traceback.format_exc()}")
+
     def _process(self, message: AnyImage) -> None:
         start_s = time.perf_counter()
         header = Header(stamp=message.header.stamp, frame_id=self._frame_id)
+        tracked: Optional[TrackedImage] = None
         try:
-            status = self._track(message, header)
+            status, tracked = self._track(message, header)
         except FrameError as error:
             self._images.complain(str(error))
             rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
@@ -184,9 +191,11 @@ class DsoServer:
         status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
         self._status = status
         self._publisher.publish_status(status)
+        if tracked is not None:  # for display, so after what the robot waits for
+            self._show(header, status.camera_frame_id, tracked)
 
-    def _track(self, message: AnyImage, header: Header) -> VisualOdometryStatus:
-        """Track an image and publish the pose.
+    def _track(self, message: AnyImage, header: Header) -> Tuple[VisualOdometryStatus, Optional[TrackedImage]]:
+        """Track an image and publish the pose; returns the status, and the image if it was tracked.
 
         Raises:
             FrameError: the image is unusable.
@@ -198,7 +207,7 @@ class DsoServer:
         if self._run is None:
             waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
-            return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting)
+            return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting), None
         self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
         timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
@@ -206,14 +215,17 @@ class DsoServer:
         tracked = self._run.track(image, inner_ns, exposure_ms, self._prediction(stamp_ns))
         if tracked.status.state is TrackingState.TRACKING:
             self._last_tracked_ns = stamp_ns
+        if self._keeper.spool is not None:
+            self._keeper.spool.add(tracked.status)
         status = self._with_data_stamps(tracked.status)
-        camera_frame_id = self._camera_frame(message)
-        self._publisher.publish(header, camera_frame_id, status)
-        if self._map.wants(status):
+        self._publisher.publish(header, self._camera_frame(message), status)
+        return status_message(header, status), tracked
+
+    def _show(self, header: Header, camera_frame_id: str, tracked: TrackedImage) -> None:
+        if self._run is not None and self._map.wants(tracked.status):
             odometry = self._run.odometry
             points = NO_POINTS if odometry.map is None else odometry.map.points
-            self._map.publish(header, camera_frame_id, tracked.image, odometry.camera, status, points)
-        return status_message(header, status)
+            self._map.publish(header, camera_frame_id, tracked.image, odometry.camera, tracked.status, points)
 
     def _prediction(self, stamp_ns: int) -> Optional[CameraMotion]:
         if self._predictions is None or self._last_tracked_ns is None:
@@ -238,7 +250,7 @@ class DsoServer:
                 size=self._size,
                 bits=own.bit_depth,
                 tell=rospy.logwarn,
-                keep_trajectory=own.keep_trajectory,
+                keep_trajectory=False,  # the keeper has it
             )
         except (ConfigError, InputError) as error:
             self._size_complaint = f"cannot track: {error}"
@@ -273,6 +285,7 @@ class DsoServer:
             self._run.restart()
         self._clock.reset()
         self._last_tracked_ns = None
+        self._keeper.clear()
         self._publisher.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
@@ -293,9 +306,9 @@ class DsoServer:
         self._paused = paused
         return "paused" if paused else "resumed"
 
-    def _trajectories(self) -> Dict[str, Trajectory]:
+    def _newest_results(self, spool: CameraSpool) -> Dict[str, bytes]:
         with self._lock:
-            return (TrajectoryRecorder() if self._run is None else self._run.trajectories).files()
+            return spool.newest()
 
     # Diagnostics
 
@@ -307,6 +320,11 @@ class DsoServer:
             report.summary(diagnostics.WARN, "paused")
         if self._calibrations.complaint:
             report.mergeSummary(diagnostics.WARN, self._calibrations.complaint)
+        if self._keeper.complaint:
+            report.mergeSummary(diagnostics.WARN, self._keeper.complaint)
+        if self._exposures.is_late and self._exposure_subscriber.get_num_connections() > 0:
+            topic = rospy.resolve_name("exposure")
+            report.mergeSummary(diagnostics.WARN, f"{topic} comes too late or not at all: images do not wait for it")
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
         report.add("processing [ms]", f"{status.processing_ms:.1f}")

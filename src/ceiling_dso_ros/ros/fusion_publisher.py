@@ -16,6 +16,8 @@ from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
 from ceiling_dso_ros.ros.paths import PathPublisher
 from ceiling_dso_ros.ros.planar_messages import planar_odometry
 
+PATH_SPACING_M = 0.05  # about a pixel where rviz shows a hall
+
 STATES = {
     FusionState.NOT_SCALED: FusionStatus.NOT_SCALED,
     FusionState.CONVERGED: FusionStatus.CONVERGED,
@@ -37,7 +39,7 @@ class FusionPublisher:
         self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=50, tcp_nodelay=True)
         self._scale = rospy.Publisher("fusion/scale", FusionScale, queue_size=50)
         self._status = rospy.Publisher("fusion/status", FusionStatus, queue_size=50)
-        self._path = PathPublisher("fusion/path")
+        self._path = PathPublisher("fusion/path", spacing=PATH_SPACING_M)
         self._prediction = rospy.Publisher(
             "fusion/motion_prediction", MotionPrediction, queue_size=10, tcp_nodelay=True
         )

@@ -4,7 +4,7 @@
 import threading
 import time
 from dataclasses import fields, replace
-from typing import Optional
+from typing import Dict, Optional
 
 import numpy as np
 import rospy
@@ -20,7 +20,8 @@ from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
-from ceiling_dso_ros.playback.fused_record import FusedRecord
+from ceiling_dso_ros.playback.fusion_spool import FusionSpool
+from ceiling_dso_ros.playback.spool import SpoolFolder
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
@@ -33,7 +34,8 @@ from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.run_clock import RunClock
-from ceiling_dso_ros.ros.services import offer_save_trajectory, offer_trigger, save
+from ceiling_dso_ros.ros.services import offer_trigger
+from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
 from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message
 from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
 
@@ -63,7 +65,7 @@ class FusionServer:
     Services:
         ~reset (std_srvs/Trigger): forget everything; the next wheel sample is the origin.
         ~set_pose (SetPose): set the published pose.
-        ~save_trajectory (SaveTrajectory): write wheel.tum, fused.tum and fused_smoothed.tum.
+        ~save_trajectory (SaveTrajectory): write wheel.tum, fused.tum and fused_smoothed.tum, see `TrajectoryKeeper`.
 
     Parameters (private, read at start): `FusionParameters`; `FusionConfig`; and robot, which must be given, with
         ticks_per_turn, wheel_radius [left, right] in m, wheel_base in m, optionally T_base_camera {xyz, quat_xyzw} and
@@ -80,10 +82,10 @@ class FusionServer:
         own, self._config = parameters.read(FusionParameters, FusionConfig, groups=ROBOT_GROUP)
         robot, has_camera = read_robot()
         self._odom_frame, base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
-        self._keep = own.keep_trajectory
-        self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
 
         self._lock = threading.Lock()
+        self._keeper = TrajectoryKeeper(own, self._begin_spool, self._newest_results)
+        self._keep = self._keeper.spool is not None
         self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
         self._clock = RunClock()  # clock of the wheels, to which the images' stamps are converted
         self._order = ImageOrder(self._clock.is_simulated)
@@ -104,7 +106,7 @@ class FusionServer:
         )
         offer_trigger("~reset", self._reset)
         rospy.Service("~set_pose", SetPose, self._set_pose)
-        offer_save_trajectory(self._trajectories)
+        self._keeper.offer_service()
         diagnostics.Diagnostics(self._report, "fusion")
         for topic, kind, callback in (
             ("wheel/odometry", Odometry, self._on_wheels),
@@ -116,13 +118,12 @@ class FusionServer:
     def spin(self) -> None:
         """Work until the node is shut down."""
         rospy.spin()
-        if self._trajectory_dir is not None:
-            print(save(self._trajectory_dir, self._trajectories()))
+        self._keeper.end()
 
     def _forget(self) -> None:
         """Begin a run."""
         self._state: Optional[FusedState] = None
-        self._record = FusedRecord()
+        self._keeper.clear()
         self._clock.reset()
         self._order.reset()
         self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
@@ -234,8 +235,9 @@ class FusionServer:
             return
         self._state = state
         self._map.add_pose(state)
-        if self._keep:
-            self._record.add(state, self._estimator.wheels.total.pose)
+        if self._keeper.spool is not None:
+            self._keeper.spool.add(state, self._estimator.wheels.total.pose)
+            self._keeper.spool.add_motions(self._estimator.take_settled())
         self._counts.wheel_samples, self._counts.wheel_rejected = self._wheels.received, self._wheels.rejected
         self._counts.images = self._images.received
         self._counts.processing_ms = 1e3 * (time.perf_counter() - start_s)
@@ -288,9 +290,12 @@ class FusionServer:
             self._estimator.set_pose(pose)
         return SetPoseResponse(True, "")
 
-    def _trajectories(self) -> dict:
+    def _begin_spool(self, folder: SpoolFolder, limit: int) -> FusionSpool:
+        return FusionSpool(folder, limit, self._config)
+
+    def _newest_results(self, spool: FusionSpool) -> Dict[str, bytes]:
         with self._lock:
-            return self._record.files(self._estimator.smoothed() if self._keep else [])
+            return spool.newest(self._estimator.unsettled(), self._estimator.origin)
 
     # Diagnostics
 
@@ -303,6 +308,8 @@ class FusionServer:
             status.mergeSummary(diagnostics.WARN, f"the camera is not used: {self._mount.complaint}")
         if self._transform.complaint:
             status.mergeSummary(diagnostics.ERROR, self._transform.complaint)
+        if self._keeper.complaint:
+            status.mergeSummary(diagnostics.WARN, self._keeper.complaint)
         self._wheels.judge(status, rospy.resolve_name("wheel/odometry"))
         self._images.judge(status, rospy.resolve_name("visual_odometry/status"), diagnostics.WARN)
         if state is not None:

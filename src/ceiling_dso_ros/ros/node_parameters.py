@@ -13,6 +13,7 @@ from ceiling_dso_ros.io.grey_range import check_bits
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 
 SILENCE_S = (0.1, 60.0)
+LIMIT_MB = (10, 1_000_000)
 
 
 def _require_range(parameters: object, name: str, smallest: float, largest: float) -> None:
@@ -62,8 +63,9 @@ class DsoParameters:
     vo_frame: str = "vo"  # world of the visual odometry; its unit of length is not the metre
     camera_frame: str = ""  # optical frame of the camera; that of the images by default
     silence: float = 0.5  # seconds without an image after which the diagnostics report it
-    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: about 40 MB per hour
-    trajectory_dir: str = ""  # folder to which that is written when the node ends; not at all by default
+    keep_trajectory: bool = True  # keep trajectories on the disk for ~save_trajectory: about 25 MB per hour
+    trajectory_limit_mb: int = 1000  # largest size of that; the oldest part is given up when it is reached
+    trajectory_dir: str = ""  # folder to which trajectories are written when the node ends; not at all by default
     covariance_scale: float = DsoConfig.defaults["covariance_scale"]  # this and the rest: see cfg/Dso.cfg
     path_length: int = DsoConfig.defaults["path_length"]
     path_period: float = DsoConfig.defaults["path_period"]
@@ -75,6 +77,7 @@ class DsoParameters:
         _require_choice(self, "mapping", ("live", "sequential"))
         _require_frames(self, "vo_frame")
         _require_range(self, "silence", *SILENCE_S)
+        _require_range(self, "trajectory_limit_mb", *LIMIT_MB)
         _require_configurable(self, DsoConfig)
         require(
             not (self.rectified and self.calibration),
@@ -124,8 +127,9 @@ class FusionParameters:
     # publishes the transform of base_frame itself
     tf_mode: str = "odom"
     silence: float = 0.5  # seconds without wheel odometry or images after which the diagnostics report it
-    keep_trajectory: bool = True  # keep trajectories for ~save_trajectory: about 50 MB per hour
-    trajectory_dir: str = ""  # folder to which that is written when the node ends; not at all by default
+    keep_trajectory: bool = True  # keep trajectories on the disk for ~save_trajectory: about 45 MB per hour
+    trajectory_limit_mb: int = 1000  # largest size of that; the oldest part is given up when it is reached
+    trajectory_dir: str = ""  # folder to which trajectories are written when the node ends; not at all by default
     covariance_scale: float = FusionConfig.defaults["covariance_scale"]  # this and the rest: see cfg/Fusion.cfg
     path_length: int = FusionConfig.defaults["path_length"]
     path_period: float = FusionConfig.defaults["path_period"]
@@ -135,6 +139,7 @@ class FusionParameters:
         _require_odom_and_base(self)
         _require_choice(self, "tf_mode", ("odom", "correction"))
         _require_range(self, "silence", *SILENCE_S)
+        _require_range(self, "trajectory_limit_mb", *LIMIT_MB)
         _require_configurable(self, FusionConfig)
 
 

@@ -19,6 +19,8 @@ from ceiling_dso_ros.ros.conversions import (
 )
 from ceiling_dso_ros.ros.paths import PathPublisher
 
+PATH_SPACING = 0.01  # VO units: 1 % of the height of the ceiling
+
 
 class OdometryPublisher:
     """The topics `visual_odometry/*` except those of the map, see `DsoServer`.
@@ -32,7 +34,7 @@ class OdometryPublisher:
         self.covariance_scale = 1.0
         self._odometry = rospy.Publisher("visual_odometry/odometry", Odometry, queue_size=10)
         self._pose = rospy.Publisher("visual_odometry/pose", PoseStamped, queue_size=10)
-        self.path = PathPublisher("visual_odometry/path")
+        self.path = PathPublisher("visual_odometry/path", spacing=PATH_SPACING)
         self._keyframes = rospy.Publisher("visual_odometry/keyframes", Keyframes, queue_size=50, latch=True)
         self._status = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=50, tcp_nodelay=True)
         self.reset()

@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
 
 import rospy
 
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.errors import InputError, reason_of
 from ceiling_dso_ros.io.known_names import all_names, require_known
 from ceiling_dso_ros.settings import default_values, merge_settings, plain_values
 
@@ -92,6 +92,6 @@ def make_writable(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot make this folder: {error.strerror}") from error
+        raise InputError(f"{folder}: cannot make this folder: {reason_of(error)}") from error
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder}: cannot write to this folder")

@@ -112,6 +112,8 @@ class WheelServer:
         if self._odometry.message:
             self._samples.complain(self._odometry.message)
             rospy.logwarn_throttle(5.0, self._odometry.message)
+        if not self._odometry.heard:
+            return
         total, noise = self._odometry.total, self._odometry.noise
         if step is not None:
             along = np.ix_((0, 2), (0, 2))

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What fusion_node keeps of a run on the disk, and the trajectories that are made of it."""
+
+import threading
+from pathlib import Path
+from typing import BinaryIO, Dict, Iterable, Sequence
+
+import numpy as np
+
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.motion import MOTION
+from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
+from ceiling_dso_ros.fusion.state import FusedState
+from ceiling_dso_ros.io.rolling_file import read_rolling
+from ceiling_dso_ros.io.trajectory import read_tum, tum_lines
+from ceiling_dso_ros.playback.fused_record import FusedRecord, planar_trajectory, smoothed_trajectory
+from ceiling_dso_ros.playback.spool import Spool, SpoolFolder
+from ceiling_dso_ros.settings import load_settings, write_settings
+
+SETTINGS = "fusion.yaml"
+MOTIONS, NEWEST_MOTIONS, ORIGIN = "motions.bin", "motions.newest.bin", "origin.tum"
+# An hour of wheels at 50 Hz and of five keyframes a second takes 20, 20 and 6 MB.
+SHARES = {"wheel.tum": 0.43, "fused.tum": 0.43, MOTIONS: 0.14}
+MOST_OUTPUTS = 100_000  # that wait for a disk that does not answer, half an hour
+
+
+class FusionSpool(Spool):
+    """wheel.tum and fused.tum as they will be, and what the keyframes measured, MOTION, which smoothing starts from."""
+
+    def __init__(self, folder: SpoolFolder, limit: int, config: FusionConfig) -> None:
+        """Begin.
+
+        Args:
+            folder: for all files.
+            limit: of their sizes together, bytes.
+            config: of the fusion, which smoothing needs.
+
+        Raises:
+            OSError: the folder cannot be written to.
+        """
+        super().__init__(folder, {name: int(share * limit) for name, share in SHARES.items()})
+        write_settings(self.path / SETTINGS, config)
+        self._lock = threading.Lock()
+        self._outputs = FusedRecord()
+        self._run = 0
+
+    def add(self, state: FusedState, wheel_pose: np.ndarray) -> None:
+        """Keep an output, and the (3,) pose by the wheels alone."""
+        with self._lock:
+            if len(self._outputs) >= MOST_OUTPUTS:
+                self._outputs = FusedRecord()
+            self._outputs.add(state, wheel_pose)
+
+    def add_motions(self, motions: Iterable[np.ndarray]) -> None:
+        """Keep what keyframes measured that are no longer refined, each MOTION."""
+        for motion in motions:
+            self._files[MOTIONS].append(motion.tobytes())
+
+    @staticmethod
+    def newest(motions: Sequence[np.ndarray], origin: np.ndarray) -> Dict[str, bytes]:
+        """What is not final yet, for `beside`.
+
+        Args:
+            motions: of the keyframes that are still refined, each MOTION.
+            origin: (3,) pose of the first wheel sample in odom.
+        """
+        return {
+            NEWEST_MOTIONS: np.array(motions, MOTION).tobytes(),
+            ORIGIN: tum_lines(planar_trajectory([0], origin[None])),
+        }
+
+    def clear(self) -> None:
+        """Forget all results."""
+        with self._lock:
+            self._run += 1
+            self._outputs = FusedRecord()
+            super().clear()
+
+    def _collect(self) -> None:
+        with self._lock:
+            outputs, self._outputs, run = self._outputs, FusedRecord(), self._run
+        wheel, fused = tum_lines(outputs.wheel()), tum_lines(outputs.fused())
+        with self._lock:
+            if run == self._run:
+                self._files["wheel.tum"].append(wheel)
+                self._files["fused.tum"].append(fused)
+
+
+def write_smoothed(folder: Path, file: BinaryIO) -> int:
+    """Write the smoothed trajectory of what a FusionSpool has kept; returns the number of poses.
+
+    Raises:
+        InputError: the folder cannot be read.
+    """
+    motions = kept_motions(folder)
+    origin = np.zeros(3)
+    if (folder / ORIGIN).exists():
+        T = read_tum(folder / ORIGIN).matrices()[0]
+        origin = np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
+    nodes = smooth(motions, load_settings(folder / SETTINGS, kind=FusionConfig))
+    placed = [SmoothedNode(node.stamp_ns, planar.compose(origin, node.pose), node.log_scale) for node in nodes]
+    file.write(tum_lines(smoothed_trajectory(placed)))
+    return len(placed)
+
+
+def kept_motions(folder: Path) -> np.ndarray:
+    """(N,) MOTION of consecutive keyframes up to the newest; what lies before a gap (the disk was full) is left out.
+
+    Raises:
+        InputError: the folder cannot be read.
+    """
+    pieces = [np.frombuffer(piece, MOTION) for piece in read_rolling(folder / MOTIONS, MOTION.itemsize)]
+    motions = np.concatenate([np.zeros(0, MOTION), *pieces])
+    newest = np.zeros(0, MOTION)
+    if (folder / NEWEST_MOTIONS).exists():
+        newest = np.fromfile(folder / NEWEST_MOTIONS, MOTION)
+    last = motions["end"][-1] if len(motions) else 0
+    motions = np.concatenate([motions, newest[newest["end"] > last]])
+    gaps = np.flatnonzero(np.diff(motions["end"]) != 1)
+    return motions[gaps[-1] + 1 :] if len(gaps) else motions

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The folder in which a node keeps its results while it runs, so that they neither fill its memory nor end with it."""
+
+import fcntl
+import os
+import re
+import shutil
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Dict, Iterator, List, Mapping, Optional
+
+from ceiling_dso_ros.io.errors import OutputError, reason_of
+from ceiling_dso_ros.io.replacing import replace_file
+from ceiling_dso_ros.io.rolling_file import RollingFile
+
+MEGABYTE = 10**6
+
+
+class SpoolFolder:
+    """A folder of one run of a node: BASE/NAME.<time>.<process>.spool.
+
+    It is removed at the end of the run. One that stays is of a run that was killed. Only the newest of these is kept,
+    so that a node that is killed again and again does not fill the disk.
+
+    Attributes:
+        path: the folder.
+        left_over: the newest folder of a run of this name that was killed; None when there is none.
+    """
+
+    def __init__(self, base: Path, name: str) -> None:
+        """Make the folder, and remove old ones.
+
+        Raises:
+            OSError: it cannot be made.
+        """
+        base.mkdir(parents=True, exist_ok=True)
+        self.left_over = _keep_newest(base, name)
+        self.path = base / f"{name}.{time.strftime('%Y%m%d-%H%M%S')}.{os.getpid()}.spool"
+        self.path.mkdir()
+        self._lock = (self.path / "lock").open("w")
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def remove(self) -> None:
+        """End of the run."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self._lock.close()
+
+
+def _keep_newest(base: Path, name: str) -> Optional[Path]:
+    pattern = re.compile(rf"{re.escape(name)}\.\d+-\d+\.\d+\.spool")
+    ended = [folder for folder in base.iterdir() if pattern.fullmatch(folder.name) and not _is_in_use(folder)]
+    kept = max((folder for folder in ended if _has_results(folder)), key=_age_key, default=None)
+    for folder in ended:
+        if folder != kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    return kept
+
+
+def _is_in_use(folder: Path) -> bool:
+    try:
+        with (folder / "lock").open("r+") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
+
+
+def _has_results(folder: Path) -> bool:
+    return any(path.stat().st_size > 0 for path in folder.glob("*.tum"))
+
+
+def _age_key(folder: Path) -> float:
+    return max(path.stat().st_mtime for path in folder.glob("*.tum"))
+
+
+class Spool:
+    """Growing files in a folder. Results are added by the threads that compute them, and flushed by another one.
+
+    Attributes:
+        path: the folder.
+        complaint: why nothing is kept, in words; empty when it is.
+    """
+
+    def __init__(self, folder: SpoolFolder, limits: Mapping[str, int]) -> None:
+        """Begin; limits: file name -> largest size in bytes, beyond which the oldest results are given up."""
+        self.path = folder.path
+        self.complaint = ""
+        self._folder = folder
+        self._files: Dict[str, RollingFile] = {n: RollingFile(self.path / n, limit) for n, limit in limits.items()}
+        self._disk = threading.Lock()
+
+    def clear(self) -> None:
+        """Forget all results."""
+        for file in self._files.values():
+            file.clear()
+
+    def flush(self) -> None:
+        """Bring what was added to the disk. What a full disk does not take is lost, which is a complaint."""
+        with self._disk:
+            self._flush()
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """The files are complete, and do not change until the end of the block; results are added all the while."""
+        with self._disk:
+            self._flush()
+            yield
+
+    @contextmanager
+    def beside(self, newest: Mapping[str, bytes]) -> Iterator[None]:
+        """For the time of the block, further files are in the folder: results that are not final yet.
+
+        Args:
+            newest: name -> content. What cannot be written is left out, and stated in the complaint.
+        """
+        try:
+            for name, content in newest.items():
+                replace_file(self.path / name, content, "the newest results")
+        except OutputError as error:
+            self.complaint = str(error)
+        try:
+            yield
+        finally:
+            for name in newest:
+                with suppress(OSError):
+                    (self.path / name).unlink()
+
+    def remove(self) -> None:
+        """End: remove the folder."""
+        with self._disk:
+            for file in self._files.values():
+                file.close()
+            self._folder.remove()
+
+    def _collect(self) -> None:
+        """Append what is not yet in the form of the files."""
+
+    def _flush(self) -> None:
+        self._collect()
+        complaints: List[str] = []
+        for file in self._files.values():
+            try:
+                file.flush()
+            except OSError as error:
+                complaints.append(f"{self.path}: cannot write: {reason_of(error)}")
+        self.complaint = complaints[0] if complaints else ""

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes trajectories of what a node has kept on the disk.
+
+What needs no computing is copied. While a node runs, the rest is computed in a process of its own, `python3 -m
+ceiling_dso_ros.playback.spool_files SPOOL DIR`: computing with the arrays of a whole drive would keep the node's other
+threads from running for longer than a robot may wait for its pose.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, Callable, Dict, List, Mapping, Sequence
+
+from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
+from ceiling_dso_ros.io.replacing import replacing
+from ceiling_dso_ros.io.rolling_file import read_rolling
+
+Writer = Callable[[Path, BinaryIO], int]  # from a spool into a file; returns the number of poses
+NICENESS = 10  # of the process: nodes come first
+
+
+@dataclass
+class Written:
+    """What became of files.
+
+    Attributes:
+        poses: name of a file that was written -> number of its poses.
+        errors: a line for each of the others, and for what else is wrong.
+    """
+
+    poses: Dict[str, int] = field(default_factory=dict)
+    errors: List[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} ({count} poses)" for name, count in self.poses.items())
+
+
+def is_spool(folder: Path) -> bool:
+    """Whether a node has kept results in a folder."""
+    return folder.is_dir() and folder.suffix == ".spool"
+
+
+def write_all(spool: Path, directory: Path) -> Written:
+    """Write all trajectories of a spool, each whole or not at all, into an existing folder."""
+    written = write_copies(spool, directory)
+    computed = write_computed(spool, directory)
+    return Written({**written.poses, **computed.poses}, [*written.errors, *computed.errors])
+
+
+def write_copies(spool: Path, directory: Path) -> Written:
+    """Write those that a spool contains as they are."""
+    names = ("wheel.tum", "fused.tum") if _is_of_fusion(spool) else ("camera.tum",)
+    return _write(spool, directory, {name: _copier(name) for name in names})
+
+
+def write_computed(spool: Path, directory: Path) -> Written:
+    """Write those that are computed from a spool."""
+    # not needed by a node, and slow to import
+    from ceiling_dso_ros.playback.camera_spool import write_final, write_keyframes
+    from ceiling_dso_ros.playback.fusion_spool import write_smoothed
+
+    if _is_of_fusion(spool):
+        return _write(spool, directory, {"fused_smoothed.tum": write_smoothed})
+    return _write(spool, directory, {"keyframes.tum": write_keyframes, "camera_final.tum": write_final})
+
+
+def write_computed_apart(spool: Path, directory: Path) -> Written:
+    """The same in a process of its own."""
+    command = [sys.executable, "-m", __name__, str(spool), str(directory)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    try:
+        run = subprocess.run(
+            command, env=environment, capture_output=True, text=True, start_new_session=True, check=True
+        )
+        return Written(**json.loads(run.stdout))
+    except subprocess.CalledProcessError as error:
+        reason = (error.stderr.strip().splitlines() or [f"exit code {error.returncode}"])[-1]
+    except (OSError, ValueError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else str(error)
+    return Written(errors=[f"{spool}: no trajectories could be computed: {reason}"])
+
+
+def _is_of_fusion(spool: Path) -> bool:
+    return (spool / "fusion.yaml").exists()
+
+
+def _write(spool: Path, directory: Path, writers: Mapping[str, Writer]) -> Written:
+    written = Written()
+    for name, writer in writers.items():
+        path = directory / name
+        try:
+            with replacing(path, "the trajectory") as file:
+                count = writer(spool, file)
+            written.poses[name] = count
+        except (InputError, OutputError) as error:
+            written.errors.append(str(error))
+        except Exception as error:  # whatever is wrong with one, the others are still written
+            written.errors.append(f"{path}: cannot compute the trajectory: {type(error).__name__}: {error}")
+    return written
+
+
+def _copier(name: str) -> Writer:
+    def copy(spool: Path, file: BinaryIO) -> int:
+        count = 0
+        for lines in read_rolling(spool / name):
+            file.write(lines)
+            count += lines.count(b"\n")
+        return count
+
+    return copy
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Entry point of the process."""
+    spool, directory = map(Path, arguments)
+    os.nice(NICENESS)
+    written = write_computed(spool, directory)
+    print(json.dumps({"poses": written.poses, "errors": written.errors}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The servers of the nodes, without a master: what services, disks and errors may not do to the output."""
+
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
+pytestmark = pytest.mark.ros
+
+from nav_msgs.msg import Odometry  # noqa: E402
+from rosless import Rosless  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
+from straight_drive import Drive  # noqa: E402
+
+from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
+from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
+from ceiling_dso_ros.ros import diagnostics, trajectory_keeper  # noqa: E402
+from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
+from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
+from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
+from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
+
+ROBOT = {
+    "ticks_per_turn": 4096.0,
+    "wheel_radius": [0.1, 0.1],
+    "wheel_base": 0.5,
+    "T_base_camera": {"xyz": [0.0, 0.0, 0.5], "quat_xyzw": [0.0, 0.0, 0.0, 1.0]},
+}
+OUTPUT = "odometry/filtered"
+WIDTH, HEIGHT = 200, 160
+
+
+@pytest.fixture
+def ros_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+    return tmp_path / "ros"
+
+
+@pytest.fixture
+def rosless(ros_home, monkeypatch):
+    made = []
+
+    def make(**parameters):
+        made.append(Rosless(monkeypatch, **parameters))
+        return made[-1]
+
+    yield make
+    for world in made:
+        world.end()
+
+
+class FusionDrive:
+    """A fusion_node that hears a drive."""
+
+    def __init__(self, world):
+        self.world, self.drive, self.server = world, Drive(), FusionServer()
+        self._wheels = self.drive.wheels(self.drive.image_ns(10**6))
+        self._next = next(self._wheels)
+        self._image = self.heard = 0  # images and wheel samples so far
+
+    @property
+    def outputs(self):
+        return self.world.sent.get(OUTPUT, 0)
+
+    def go_on(self, images):
+        """Hear further images, and the wheels up to each of them."""
+        for _ in range(images):
+            while self._next[0] <= self.drive.image_ns(self._image):
+                self.hear_wheels()
+            self.world.callbacks["visual_odometry/status"](self.drive.image(self._image))
+            self._image += 1
+
+    def hear_wheels(self):
+        stamp_ns, (x, _, _) = self._next
+        self._next = next(self._wheels)
+        message = Odometry(header=Header(stamp=ros_time(stamp_ns), frame_id="odom"))
+        T = np.eye(4)
+        T[0, 3] = x
+        message.pose.pose = pose_from_matrix(T)
+        self.heard += 1
+        self.world.callbacks["wheel/odometry"](message)
+
+
+@pytest.fixture
+def fusion(rosless):
+    return FusionDrive(rosless(robot=ROBOT))
+
+
+def test_output_goes_on_while_trajectories_are_saved(fusion, tmp_path, monkeypatch):
+    """However long that takes; here it waits for the output."""
+    compute, answer = trajectory_keeper.write_computed_apart, []
+    begins, ends = threading.Event(), threading.Event()
+
+    def slow(*folders):
+        begins.set()
+        ends.wait()
+        return compute(*folders)
+
+    monkeypatch.setattr(trajectory_keeper, "write_computed_apart", slow)
+    fusion.go_on(150)
+    saving = threading.Thread(
+        target=lambda: answer.append(fusion.world.call("~save_trajectory", directory=str(tmp_path / "out")))
+    )
+    saving.start()
+    begins.wait()
+    before = fusion.outputs
+    fusion.go_on(150)
+    went_on = fusion.outputs
+    ends.set()
+    saving.join()
+    assert went_on == fusion.heard - 1 > before + 200
+    assert answer[0].success, answer[0].message
+    fused, smoothed = (read_tum(tmp_path / "out" / f"{name}.tum") for name in ("fused", "fused_smoothed"))
+    assert len(fused) == before
+    assert len(smoothed) == 30  # a keyframe every five images
+    assert f"fused.tum ({before} poses)" in answer[0].message
+
+
+def test_a_reset_begins_new_trajectories(fusion, tmp_path):
+    fusion.go_on(150)
+    assert fusion.world.call("~reset").success
+    before = fusion.heard
+    fusion.go_on(30)
+    assert fusion.world.call("~save_trajectory", directory=str(tmp_path / "out")).success
+    assert len(read_tum(tmp_path / "out" / "fused.tum")) == fusion.heard - before - 1
+
+
+def test_what_the_node_remembers_does_not_grow(fusion):
+    """All that was kept is on the disk."""
+    fusion.go_on(300)
+    server = fusion.server
+    assert len(server._estimator._backend._graph.history) == 0
+    server._keeper.spool.flush()
+    kept = server._keeper.spool
+    assert len(kept._outputs) == 0
+    assert all(file._pending == [] for file in kept._files.values())
+
+
+def test_the_end_leaves_all_trajectories_and_nothing_else(rosless, ros_home, tmp_path, capsys):
+    fusion = FusionDrive(rosless(robot=ROBOT, trajectory_dir=str(tmp_path / "out")))
+    fusion.go_on(60)
+    fusion.server._keeper.end()
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "fused.tum",
+        "fused_smoothed.tum",
+        "wheel.tum",
+    ]
+    assert not ros_home.exists()
+    assert "wheel.tum (" in capsys.readouterr().out
+
+
+def test_the_end_without_a_folder_leaves_nothing(fusion, ros_home):
+    fusion.go_on(60)
+    assert len(list((ros_home / "ceiling_dso_ros").iterdir())) == 1
+    fusion.server._keeper.end()
+    assert list((ros_home / "ceiling_dso_ros").iterdir()) == []
+
+
+def test_a_home_that_cannot_be_written_stops_nothing(rosless, ros_home, tmp_path):
+    ros_home.touch()
+    fusion = FusionDrive(rosless(robot=ROBOT))
+    fusion.go_on(60)
+    assert fusion.outputs == fusion.heard - 1
+    reason = f"{ros_home / 'ceiling_dso_ros'}: trajectories cannot be kept: Not a directory"
+    status = fusion.world.diagnostics()
+    assert reason in status.message
+    assert status.level >= diagnostics.WARN
+    answer = fusion.world.call("~save_trajectory", directory=str(tmp_path / "out"))
+    assert not answer.success
+    assert reason in answer.message
+    fusion.server._keeper.end()
+
+
+def test_without_keep_trajectory_there_is_nothing_to_save(rosless, ros_home, tmp_path):
+    fusion = FusionDrive(rosless(robot=ROBOT, keep_trajectory=False))
+    fusion.go_on(60)
+    answer = fusion.world.call("~save_trajectory", directory=str(tmp_path / "out"))
+    assert (answer.success, answer.message) == (False, "/robot/node: no trajectories: keep_trajectory is false")
+    assert not ros_home.exists()
+
+
+def test_one_file_that_cannot_be_written_is_named_with_its_reason(fusion, tmp_path):
+    fusion.go_on(60)
+    (tmp_path / "out" / "fused.tum").mkdir(parents=True)
+    answer = fusion.world.call("~save_trajectory", directory=str(tmp_path / "out"))
+    assert not answer.success
+    assert "fused.tum: cannot write the trajectory: Is a directory; written: wheel.tum (98 poses)" in answer.message
+    assert len(read_tum(tmp_path / "out" / "fused_smoothed.tum")) > 5
+
+
+def test_a_run_that_was_killed_is_pointed_to(rosless, ros_home):
+    left = ros_home / "ceiling_dso_ros" / "robot-node.20260101-000000.12345.spool"
+    left.mkdir(parents=True)
+    (left / "fused.tum").write_text("1.0 0 0 0 0 0 0 1\n")
+    world = rosless(robot=ROBOT)
+    FusionServer()
+    assert [line for line in world.logged if f"ceiling-dso collect {left} --out" in line]
+
+
+def test_an_error_with_one_message_concerns_that_message_only(fusion, monkeypatch):
+    """rospy logs it; nothing stays locked, and the next message is taken as any other."""
+    fusion.go_on(60)
+    with monkeypatch.context() as broken:
+        broken.setattr(fusion.server._publisher, "publish", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            fusion.hear_wheels()
+    fusion.go_on(60)
+    assert fusion.outputs == fusion.heard - 2
+    assert fusion.world.newest["fusion/status"].state != 0
+
+
+class CameraDrive:
+    """A dso_node that sees images of noise."""
+
+    def __init__(self, world):
+        self.world, self.server, self._count = world, DsoServer(), 0
+        self._pixels = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
+
+    def calibrate(self, width=WIDTH, height=HEIGHT):
+        K = [100.0, 0.0, width / 2, 0.0, 100.0, height / 2, 0.0, 0.0, 1.0]
+        info = CameraInfo(width=width, height=height, K=K, distortion_model="plumb_bob", D=[0.0] * 5)
+        self.world.callbacks["camera_info"](info)
+
+    def see(self, width=WIDTH, height=HEIGHT):
+        """The status of an image; as the main loop of the node does with it."""
+        self._count += 1
+        header = Header(stamp=ros_time(Drive.BEGIN_NS + self._count * 33_333_333), frame_id="camera")
+        pixels = self._pixels[:height, :width]
+        image = Image(header, height, width, "mono8", 0, width, pixels.tobytes())
+        self.server._process_safely(image)
+        return self.world.newest["visual_odometry/status"]
+
+
+@pytest.fixture
+def camera(rosless, monkeypatch):
+    monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.CALIBRATION_TIMEOUT_S", 0.0)
+    return CameraDrive(rosless())
+
+
+def test_a_size_that_cannot_be_tracked_is_stated_and_survived(camera):
+    camera.calibrate(100, 100)
+    for _ in range(3):
+        status = camera.see(100, 100)
+        assert status.state == VisualOdometryStatus.WAITING
+        assert "cannot track: " in status.message
+    assert status.message in camera.world.diagnostics().message
+    camera.calibrate()
+    assert camera.see().state == VisualOdometryStatus.INITIALIZING
+
+
+def test_an_error_in_publishing_concerns_one_image(camera, monkeypatch):
+    camera.calibrate()
+    camera.see()
+    with monkeypatch.context() as broken:
+        broken.setattr(camera.server._publisher, "publish_status", lambda *_: 1 / 0)
+        camera.see()
+    assert "ZeroDivisionError" in camera.world.logged[-1]
+    before = camera.world.sent["visual_odometry/status"]
+    assert camera.see().state == VisualOdometryStatus.INITIALIZING
+    assert camera.world.sent["visual_odometry/status"] == before + 1
+
+
+def test_a_silent_publisher_of_exposures_is_stated(camera, monkeypatch):
+    monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.EXPOSURE_TIMEOUT_S", 1e-3)
+    camera.calibrate()
+    camera.world.listened.add("exposure")
+    for _ in range(10):
+        camera.see()
+    assert "/exposure comes too late or not at all: images do not wait for it" in camera.world.diagnostics().message
+
+
+def test_the_cameras_trajectories_are_saved(camera, tmp_path):
+    camera.calibrate()
+    camera.see()
+    answer = camera.world.call("~save_trajectory", directory=str(tmp_path / "out"))
+    assert answer.success, answer.message
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "camera.tum",
+        "camera_final.tum",
+        "keyframes.tum",
+    ]
+
+
+def test_wheels_whose_first_angles_are_not_finite(rosless):
+    world = rosless(robot=ROBOT)
+    server = WheelServer()
+    stamp_ns = Drive.BEGIN_NS
+    for left, right in ((float("nan"), 0.0), (1.0, 1.0), (1.1, 1.1)):
+        stamp_ns += 20_000_000
+        header = Header(stamp=ros_time(stamp_ns))
+        world.callbacks["joint_states"](JointState(header, ["left_wheel", "right_wheel"], [left, right], [], []))
+    assert world.sent["wheel/odometry"] == 2
+    assert world.newest["wheel/odometry"].header.stamp == ros_time(stamp_ns)
+    assert server._samples.rejected == 1
