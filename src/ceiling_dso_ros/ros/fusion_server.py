@@ -19,6 +19,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
+from ceiling_dso_ros.io.ros_messages import planar_pose
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.playback.fused_record import FusedRecord
 from ceiling_dso_ros.ros import diagnostics, parameters
@@ -29,7 +30,6 @@ from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node_parameters import FusionParameters
-from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.run_clock import RunClock
