@@ -5,7 +5,7 @@ from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -100,7 +100,8 @@ class BagRecording(Recording):
 
     def image_times(self) -> Optional[ImageTimes]:
         """See Recording; of a number of images, because all of them would take long to read."""
-        stamps_ns, delays_ns = [], []
+        stamps_ns: List[int] = []
+        delays_ns: List[int] = []
         for raw in read_first_and_last(self.path, self._image_topic, TIMED_IMAGES):
             with suppress(FrameError):
                 stamps_ns.append(header_stamp_ns(raw.content().header))
@@ -216,19 +217,21 @@ class BagRecording(Recording):
         while mount is None:
             message = next(moving, None)
             if message is None:
+                frames = ", ".join(transforms.frames) or "none"
                 raise InputError(
-                    f"{self.path}: tf has no {base} -> {camera}, its frames are {', '.join(transforms.frames) or 'none'}; "
-                    f"write T_base_camera into {self._robot_file}, or name the frames with --base-frame and --camera-frame"
+                    f"{self.path}: tf has no {base} -> {camera}, its frames are {frames}; write T_base_camera into "
+                    f"{self._robot_file}, or name the frames with --base-frame and --camera-frame"
                 )
             transforms.add(message)
             mount = transforms.lookup(base, camera)
         return mount
 
     def _frame_of_images(self) -> str:
-        for _, _, image in self._contents(self._types[self._image_topic], self._image_topic):
-            if image.header.frame_id.strip("/"):
-                return str(image.header.frame_id)
-            break
+        for raw in read_first_and_last(self.path, self._image_topic, TIMED_IMAGES):
+            with suppress(FrameError):
+                frame = str(raw.content().header.frame_id)
+                if frame.strip("/"):
+                    return frame
         raise InputError(
             f"{self.path}: the images on {self._image_topic} do not name their frame, so tf has no pose of the camera; "
             f"name it with --camera-frame, or write T_base_camera into {self._robot_file}"

@@ -36,9 +36,10 @@ def parse_stamp(text: str) -> Decimal:
 
 
 def stamps_in_ns(numbers: Sequence[Decimal]) -> List[int]:
-    """Exact nanoseconds of the stamps of one file: seconds, of which digits beyond the ninth are rounded, or nanoseconds.
+    """Exact nanoseconds of the stamps of one file, which are seconds or nanoseconds.
 
     Nanoseconds are recognised by their size: as seconds they would be beyond the year 2262, or more than a day apart.
+    Of seconds, digits beyond the ninth are rounded.
 
     Args:
         numbers: as `parse_stamp` gives them, in the order of the file.

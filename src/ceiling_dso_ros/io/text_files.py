@@ -20,7 +20,9 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot read the file: {error.strerror}") from error
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{path}: is not a text file in UTF-8: byte 0x{content[error.start]:02x} in line {line}") from error
+        raise InputError(
+            f"{path}: is not a text file in UTF-8: byte 0x{content[error.start]:02x} in line {line}"
+        ) from error
 
 
 def read_lines(path: Path) -> List[Tuple[str, str]]:

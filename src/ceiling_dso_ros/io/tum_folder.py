@@ -175,7 +175,7 @@ def _read_encoders(path: Path) -> WheelSamples:
     wrong = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(wrong):
         raise InputError(f"{places[wrong[0] + 1]}: the stamp is not later than the one before; sort the file")
-    return WheelSamples(WheelUnit.TICKS, stamps_ns, np.array(ticks, np.int64))
+    return WheelSamples(WheelUnit.TICKS, stamps_ns, np.array(ticks, np.int64), str(path))
 
 
 def _parse_ticks(line: str, where: str) -> Tuple[Decimal, Tuple[int, int]]:

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Wheel data from recorded ROS messages, in the way in which the nodes take it in."""
 
-from collections import Counter
-from typing import Callable, Iterable, List, Optional, Sequence, Tuple
+from typing import Callable, Counter, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -35,9 +34,7 @@ def samples_of_counters(counters: Iterable[Tuple[str, int, int]], source: str, w
     return table.samples(count, warn)
 
 
-def samples_of_joint_states(
-    states: Recorded, joints: WheelJoints, source: str, warn: Warn
-) -> Optional[WheelSamples]:
+def samples_of_joint_states(states: Recorded, joints: WheelJoints, source: str, warn: Warn) -> Optional[WheelSamples]:
     """Samples of the wheels' angles in sensor_msgs/JointState messages; None where no message has both wheels."""
     table, count = _Table(WheelUnit.RADIANS, source), 0
     for recorded_ns, state in states:
@@ -54,6 +51,7 @@ def samples_of_joint_states(
             table.unused[joints.complaint] += 1
     if joints.missing:
         warn(f"{source}: {joints.missing}")
+    table.source = f"{source} ({', '.join(map(str, joints.pairs))})"
     return table.samples(count, warn)
 
 
@@ -72,7 +70,7 @@ def samples_of_odometry(messages: Recorded, base_frame: str, source: str, warn: 
         if not stamp_ns:
             table.unused["without a stamp"] += 1
             continue
-        table.add(recorded_ns, stamp_ns, pose)
+        table.add(recorded_ns, stamp_ns, pose.tolist())
         if message.child_frame_id not in children:
             children.append(message.child_frame_id)
     for child in children:
@@ -94,8 +92,8 @@ class _Table:
     """Rows of samples, and what is not used."""
 
     def __init__(self, unit: WheelUnit, source: str) -> None:
-        self.unused: "Counter[str]" = Counter()  # reason -> messages
-        self._unit, self._source = unit, source
+        self.unused = Counter[str]()  # reason -> messages
+        self._unit, self.source = unit, source
         self._stamps_ns: List[int] = []
         self._delays_ns: List[int] = []
         self._readings: List[Sequence[float]] = []
@@ -113,9 +111,9 @@ class _Table:
         """The samples, None without any; warns of those that are not used."""
         for reason, unused in self.unused.items():
             if unused:
-                warn(f"{self._source}: {unused} of {count} messages are not used: {reason}")
+                warn(f"{self.source}: {unused} of {count} messages are not used: {reason}")
         if not self._stamps_ns:
             return None
         readings = np.array(self._readings, np.int64 if self._unit is WheelUnit.TICKS else np.float64)
         delay_ns = int(np.median(self._delays_ns))
-        return WheelSamples(self._unit, np.array(self._stamps_ns, np.int64), readings, self._source, delay_ns)
+        return WheelSamples(self._unit, np.array(self._stamps_ns, np.int64), readings, self.source, delay_ns)
