@@ -40,8 +40,7 @@ def test_a_complete_folder(tum_folder):
     for frame, image in zip(frames, images_of(tum_folder)):
         np.testing.assert_array_equal(frame.image, image)
     assert recording.wheels.stamps_ns.tolist() == [1_700_000_001_000_000_000 + k * 20_000_000 for k in range(3)]
-    assert recording.wheels.left.tolist() == [10, 15, 21]
-    assert recording.wheels.right.tolist() == [-20, -18, -15]
+    assert recording.wheels.readings.tolist() == [[10, -20], [15, -18], [21, -15]]
     assert recording.robot.wheel_radius_m == (0.098, 0.099)
     np.testing.assert_allclose(recording.robot.T_base_camera[:3, 3], [0.18, 0.04, 0.62])
     assert recording.ground_truth_path == tum_folder / "groundtruth.tum"

@@ -87,21 +87,16 @@ class BagWheels:
         return samples
 
     def _warn_of_others(self) -> None:
-        """Say what the bag has besides the topics that were looked at."""
-        remedies = (
-            (ODOMETRY, "--wheel-odometry"),
-            (JOINT_STATES, "--joint-states"),
-            (TICKS, "--left-ticks and --right-ticks"),
-        )
-        looked_at = {self._topics.joint_states}
-        found = [
-            f"{kind.replace('/msg', '')} on {', '.join(others)} (use it with {option})"
+        """Say what the bag has besides the topics that were looked at, and how it is used."""
+        remedies = ((ODOMETRY, "--wheel-odometry"), (JOINT_STATES, "--joint-states"), (TICKS, "--left-ticks"))
+        others = [
+            f"{kind.replace('/msg', '')} on {topic} (use it with {option} {topic})"
             for kind, option in remedies
-            for others in [[topic for topic in self._of_type(kind) if topic not in looked_at]]
-            if others
+            for topic in self._of_type(kind)
+            if topic != self._topics.joint_states
         ]
-        if found:
-            self._warn(f"{self._path}: no wheels are used; the bag has {'; '.join(found)}")
+        if others:
+            self._warn(f"{self._path}: no wheels are used; the bag has {', '.join(others)}")
 
     def _of_type(self, kind: str) -> List[str]:
         return sorted(topic for topic, message_type in self._types.items() if message_type == kind)

@@ -51,7 +51,8 @@ def samples_of_joint_states(states: Recorded, joints: WheelJoints, source: str, 
             table.unused[joints.complaint] += 1
     if joints.missing:
         warn(f"{source}: {joints.missing}")
-    table.source = f"{source} ({', '.join(map(str, joints.pairs))})"
+    else:
+        table.source = f"{source} ({', '.join(map(str, joints.pairs))})"
     return table.samples(count, warn)
 
 
