@@ -303,6 +303,8 @@ class FusionServer:
             status.mergeSummary(diagnostics.WARN, f"the camera is not used: {self._mount.complaint}")
         if self._transform.complaint:
             status.mergeSummary(diagnostics.ERROR, self._transform.complaint)
+        if self._order.apart:
+            status.mergeSummary(diagnostics.WARN, self._order.apart)
         self._wheels.judge(status, rospy.resolve_name("wheel/odometry"))
         self._images.judge(status, rospy.resolve_name("visual_odometry/status"), diagnostics.WARN)
         if state is not None:
