@@ -61,11 +61,12 @@ def execute(options: argparse.Namespace) -> None:
         calibration = calibrate(steps, camera_poses(_track(recording, options.bits, warnings)), robot)
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
-    print(_table(calibration))
     try:
         options.out.write_text(_yaml(calibration, options.input))
     except OSError as error:
         raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
+    finally:
+        print(_table(calibration))
 
 
 def _track(recording: "Recording", bits: int, warnings: "WarningLog") -> Iterator["OdometryStatus"]:

@@ -5,6 +5,7 @@ import argparse
 from pathlib import Path
 
 from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 TOPICS = {"camera": "/visual_odometry/pose", "wheel": "/wheel/odometry", "fused": "/odometry/filtered"}
@@ -35,7 +36,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.io.trajectory import write_tum
 
     topics = {name: getattr(options, f"{name}_topic") for name in TOPICS}
-    trajectories = read_trajectories(options.bag, topics)
+    trajectories = read_trajectories(options.bag, topics, warn)
     if not trajectories:
         raise InputError(f"{options.bag}: no poses on {', '.join(topics.values())}")
     try:

@@ -20,6 +20,7 @@ from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.io.ros_messages import planar_pose
+from ceiling_dso_ros.io.wheel_messages import other_body
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.playback.fused_record import FusedRecord
 from ceiling_dso_ros.ros import diagnostics, parameters
@@ -79,7 +80,7 @@ class FusionServer:
         own: FusionParameters
         own, self._config = parameters.read(FusionParameters, FusionConfig, groups=ROBOT_GROUP)
         robot, has_camera = read_robot()
-        self._odom_frame, base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
+        self._odom_frame, self._base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
         self._keep = own.keep_trajectory
         self._trajectory_dir = parameters.output_folder(own.trajectory_dir)
 
@@ -89,13 +90,13 @@ class FusionServer:
         self._order = ImageOrder(self._clock.is_simulated)
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
-        self._mount = CameraMount(base_frame, camera_frame, robot.T_base_camera if has_camera else None)
+        self._mount = CameraMount(self._base_frame, camera_frame, robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
         self._camera_offset_ns = nanoseconds(robot.camera_time_offset_s)
         self._estimator = FusionEstimator(robot, self._config, keep_history=self._keep)
-        self._publisher = FusionPublisher(self._odom_frame, base_frame)
+        self._publisher = FusionPublisher(self._odom_frame, self._base_frame)
         self._map = MetricMap(self._odom_frame)
-        self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, base_frame)
+        self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, self._base_frame)
         self._forget()
 
         self._reconfigure_servers = (
@@ -151,6 +152,9 @@ class FusionServer:
             self._clock.follow(stamp_ns, self._start_anew)
             self._use_latched_window()
             self._use_mount()
+            doubt = "" if self._wheel_frame else other_body(message.child_frame_id, self._base_frame)
+            if doubt:
+                rospy.logwarn("%s: %s", rospy.resolve_name("wheel/odometry"), doubt)
             self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
             state = self._estimator.add_wheel_odometry(self._clock.inner_ns(stamp_ns), pose)
             if self._estimator.wheels.message:
