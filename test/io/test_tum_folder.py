@@ -192,7 +192,8 @@ def test_folders_of_no_recording(tum_folder, change, complaint):
         ("stamp,left,right\n", ": there are no ticks in it"),
         ("stamp,left,right\n1.0,2\n", ", line 2: '1.0,2'; expected 'stamp,left,right', ticks as whole numbers"),
         ("1.0,2,3.5\n", ", line 1: '1.0,2,3.5'; expected 'stamp,left,right', ticks as whole numbers"),
-        ("1.0,2,3\n1.0,2,3\n", ", line 2: the stamp is not later than the one before; sort the file"),
+        ("1.0,2,3\n1.0,2,3\n", ", line 2: the stamp is that of the line before; remove one of the two"),
+        ("1.0,2,3\n0.9,2,3\n", ", line 2: the stamp is not later than the one before; sort the file"),
     ],
 )
 def test_ticks_of_no_wheels(tum_folder, text, complaint):

@@ -20,7 +20,7 @@ from ceiling_dso_ros.fusion.durations import seconds
 INT32_RANGE = 2**32
 TURN = 2.0 * math.pi
 # Finer readings are no better: gears have play, and wheels are not round. Nor may the covariance become singular.
-FINEST_RAD, FINEST_M = 1e-3, 1e-4
+FINEST_RAD, FINEST_M = 1e-3, 5e-5
 
 # Two readings and the seconds between them -> the (3,) twist, None when no robot can have moved so.
 TwistOf = Callable[[np.ndarray, np.ndarray, float], Optional[np.ndarray]]

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.replacing import replace_file
-from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp, stamps_in_ns
-from ceiling_dso_ros.io.text_files import read_lines
+from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp
+from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,7 @@ def read_tum(path: Union[str, Path]) -> Trajectory:
     if not rows:
         raise InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
     places, stamps, poses = zip(*rows)
-    try:
-        stamps_ns = np.array(stamps_in_ns(stamps), np.int64)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
-    wrong = np.flatnonzero(np.diff(stamps_ns) <= 0)
-    if len(wrong):
-        raise InputError(f"{places[wrong[0] + 1]}: the stamp is not later than the one before; sort the file")
+    stamps_ns = np.array(increasing_stamps(Path(path), list(zip(places, stamps))), np.int64)
     table = np.array(poses)
     quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
     return Trajectory(stamps_ns, table[:, :3], quaternions)

@@ -17,8 +17,8 @@ from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.photometric import read_photometric
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.robot_file import read_robot_file
-from ceiling_dso_ros.io.stamps import parse_stamp, stamps_in_ns
-from ceiling_dso_ros.io.text_files import read_lines
+from ceiling_dso_ros.io.stamps import parse_stamp
+from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines, stamps_of_file
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff"}
 
@@ -146,7 +146,7 @@ def _read_times(path: Path) -> List[_Time]:
     if not lines:
         raise InputError(f"{path}: it lists no images; expected lines of 'id stamp exposure_ms'")
     places, ids, stamps, exposures = zip(*((where, *_parse_time(line, where)) for where, line in lines))
-    return [_Time(*time) for time in zip(places, ids, _stamps_of_file(path, stamps), exposures)]
+    return [_Time(*time) for time in zip(places, ids, stamps_of_file(path, stamps), exposures)]
 
 
 def _parse_time(line: str, where: str) -> Tuple[str, Decimal, Optional[float]]:
@@ -171,10 +171,7 @@ def _read_encoders(path: Path) -> WheelSamples:
     if not lines:
         raise InputError(f"{path}: there are no ticks in it; delete the file or write lines of 'stamp,left,right'")
     places, stamps, ticks = zip(*((where, *_parse_ticks(line, where)) for where, line in lines))
-    stamps_ns = np.array(_stamps_of_file(path, stamps), np.int64)
-    wrong = np.flatnonzero(np.diff(stamps_ns) <= 0)
-    if len(wrong):
-        raise InputError(f"{places[wrong[0] + 1]}: the stamp is not later than the one before; sort the file")
+    stamps_ns = np.array(increasing_stamps(path, list(zip(places, stamps))), np.int64)
     return WheelSamples(WheelUnit.TICKS, stamps_ns, np.array(ticks, np.int64), str(path))
 
 
@@ -191,10 +188,3 @@ def _int64(text: str) -> int:
     if not -(2**63) <= number < 2**63:
         raise ValueError(f"{text} is too large")
     return number
-
-
-def _stamps_of_file(path: Path, stamps: Sequence[Decimal]) -> List[int]:
-    try:
-        return stamps_in_ns(stamps)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
