@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from decimal import Decimal
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple, NoReturn, Optional, Sequence, Set, Tuple
+from typing import Dict, Iterator, List, NamedTuple, NoReturn, Optional, Set, Tuple
 
 import numpy as np
 
