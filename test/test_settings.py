@@ -114,11 +114,18 @@ def test_wrong_files_are_named_in_one_line(tmp_path, text, complaint):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("make", [lambda path: None, lambda path: path.mkdir(), lambda path: path.write_bytes(b"\xff")])
-def test_unreadable_files_are_named(tmp_path, make):
+@pytest.mark.parametrize(
+    ("make", "complaint"),
+    [
+        (lambda path: None, "cannot read the file: No such file"),
+        (lambda path: path.mkdir(), "cannot read the file: Is a directory"),
+        (lambda path: path.write_bytes(b"# \xff"), "is not a text file in UTF-8: byte 0xff in line 1"),
+    ],
+)
+def test_unreadable_files_are_named(tmp_path, make, complaint):
     path = tmp_path / "settings.yaml"
     make(path)
-    with pytest.raises(InputError, match=r"settings\.yaml: cannot read"):
+    with pytest.raises(InputError, match=rf"settings\.yaml: {complaint}"):
         load_settings(path, [])
 
 

@@ -14,6 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig, require
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
+from ceiling_dso_ros.io.text_files import read_text
 
 Config = TypeVar("Config")
 ANGLE = re.compile(r"(deg|rad)\(([^()]*)\)")  # as rosparam writes angles
@@ -93,9 +94,7 @@ def write_settings(path: Path, config: object) -> None:
 
 def _read_yaml(path: Path) -> Mapping:
     try:
-        values = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read the settings: {getattr(error, 'strerror', 'not a text')}") from error
+        values = yaml.safe_load(read_text(path))
     except yaml.YAMLError as error:
         raise InputError(f"{path}: not valid yaml: {' '.join(str(error).split())}") from error
     if not isinstance(values, (dict, type(None))):

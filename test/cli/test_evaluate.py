@@ -160,26 +160,53 @@ def test_folder_without_trajectories(run_folder, evaluate):
     assert_refused(evaluate(run_folder), str(run_folder), "camera.tum")
 
 
-def test_trajectory_without_poses(run_folder, evaluate):
-    (run_folder / "camera.tum").write_text("")
-    assert_refused(evaluate(run_folder), "camera.tum", "no poses")
+def without_poses(path):
+    path.write_text("")
 
 
-def test_trajectory_with_a_broken_line(run_folder, evaluate):
-    with (run_folder / "camera.tum").open("a") as file:
-        file.write("100.0 1 2 3\n")
-    assert_refused(evaluate(run_folder), "camera.tum, line 101")
+def with_a_broken_line(path):
+    path.write_text(path.read_text() + "100.0 1 2 3\n")
 
 
-def test_no_overlap_in_time(run_folder, evaluate):
-    write_tum(run_folder / "camera.tum", drive(shift_s=1000.0))
-    assert_refused(evaluate(run_folder), "camera.tum", "1050.000 to 1059.900 s", "50.000 to 59.900 s")
+def of_another_time(path):
+    write_tum(path, drive(shift_s=1000.0))
 
 
-def test_fewer_than_three_pairs(run_folder, evaluate):
-    lines = (run_folder / "camera.tum").read_text().splitlines(keepends=True)
-    (run_folder / "camera.tum").write_text("".join(lines[:2]))
-    assert_refused(evaluate(run_folder), "camera.tum", "2 pairs")
+def of_two_poses(path):
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (without_poses, ": no poses in it"),
+        (with_a_broken_line, ", line 101: 4 numbers instead of 8"),
+        (of_another_time, "no overlap in time: it covers 1050.000 to 1059.900 s, the reference 50.000 to 59.900 s"),
+        (of_two_poses, "2 pairs of poses, at least 3 are needed"),
+    ],
+)
+def test_a_trajectory_that_cannot_be_compared_is_left_out_and_said(run_folder, capsys, spoil, complaint):
+    words = ["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]
+    spoil(run_folder / "camera.tum")
+    assert main(words) == 0
+    said = capsys.readouterr().err
+    assert said.startswith(f"warning: {run_folder / 'camera.tum'}")
+    assert said.endswith("; left out\n")
+    assert complaint in said
+    assert said.count("\n") == 1
+    numbers = json.loads((run_folder / "evaluation.json").read_text())
+    assert list(numbers["trajectories"]) == ["camera_final"]
+    assert complaint in numbers["left_out"]["camera"]
+    (run_folder / "camera_final.tum").unlink()
+    assert main(words) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_poses_without_a_partner_in_the_reference_are_said(run_folder, capsys):
+    reference = run_folder.parent / "reference.tum"
+    reference.write_text("".join(reference.read_text().splitlines(keepends=True)[:60]))
+    assert main(["evaluate", str(run_folder), "--reference", str(reference)]) == 0
+    assert "camera: 40 of 100 poses have no partner in the reference\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "soon"])

@@ -88,6 +88,8 @@ def test_with_wheels_it_fuses_and_twice_gives_the_same_bytes(wheeled_folder, com
 
     summary = summary_of(tmp_path / "first")
     assert {"slips", "fusion"} <= set(summary)
+    source = str(wheeled_folder / "encoders.csv")
+    assert summary["wheels"] == {"source": source, "unit": "ticks", "samples": FRAMES, "dropped": 0}
     assert summary["scale"]["value"] > 0
     assert len(read_tum(tmp_path / "first" / "fused.tum")) == FRAMES - 1
     assert len(read_tum(tmp_path / "first" / "fused_smoothed.tum")) == summary["keyframes"]
@@ -109,7 +111,7 @@ def test_settings_of_the_fusion(wheeled_folder, command, tmp_path):
 
 def test_predicting_needs_wheels(tum_folder, command, tmp_path):
     refused = command("run", tum_folder, "--out", tmp_path / "out", "--predict")
-    assert_refused(refused, str(tum_folder), "--predict needs wheels")
+    assert_refused(refused, f"{tum_folder}: has no wheels")
 
 
 def test_wheels_of_an_unknown_robot_are_not_fused(wheeled_folder, command, tmp_path):
@@ -119,6 +121,19 @@ def test_wheels_of_an_unknown_robot_are_not_fused(wheeled_folder, command, tmp_p
     assert result.stderr.startswith("warning: ")
     assert "--robot" in result.stderr
     assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
+
+
+def test_wheels_of_another_time_are_not_fused(wheeled_folder, command, tmp_path):
+    encoders = wheeled_folder / "encoders.csv"
+    encoders.write_text(encoders.read_text().replace("17000000", "17000900"))
+    result = command("run", wheeled_folder, "--out", tmp_path / "out")
+    assert result.returncode == 0
+    assert result.stderr.startswith(f"warning: {encoders}: the wheels and the images do not overlap in time: ")
+    assert result.stderr.endswith(" after the last image; the wheels are not used\n")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
+    assert summary_of(tmp_path / "out")["warnings"] == [result.stderr[len("warning: ") : -1]]
+    needed = command("run", wheeled_folder, "--out", tmp_path / "out", "--predict")
+    assert_refused(needed, f"error: {encoders}: the wheels and the images do not overlap in time")
 
 
 def test_a_camera_that_looks_down_is_refused(wheeled_folder, command, tmp_path):

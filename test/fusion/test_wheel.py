@@ -6,7 +6,7 @@ import pytest
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel import FINEST_RAD, Resolution, WheelMotion, WheelNoise, WheelOdometry, WheelStep
 
 TICKS, RADIUS, BASE = 4000.0, 0.1, 0.5
 TICK_M = 2 * np.pi * RADIUS / TICKS
@@ -114,6 +114,70 @@ def test_angles_give_what_ticks_give_endless_or_wrapped():
         wrapped.add_angles(20_000_000 * index, *np.angle(np.exp(1j * angles)))
     np.testing.assert_allclose(endless.total.pose, ticks.total.pose, atol=1e-9)
     np.testing.assert_allclose(wrapped.total.pose, ticks.total.pose, atol=1e-9)
+
+
+def accelerating(step_rad=0.0, wrapped=False, samples=100, hz=50.0):
+    """Feeds angles of a start from rest in a curve, in steps of so much; returns the odometry."""
+    wheels = odometry(ticks_per_turn=20.0)
+    time_s = np.arange(samples) / hz
+    left, right = 4.0 * time_s**2, 5.0 * time_s**2
+    for index in range(samples):
+        angles = np.array([left[index], right[index]])
+        if step_rad:
+            angles = np.round(angles / step_rad) * step_rad
+        if wrapped:
+            angles = np.angle(np.exp(1j * angles))
+        wheels.add_angles(nanoseconds(index / hz), *angles)
+    return wheels
+
+
+def test_the_resolution_of_angles_is_theirs_and_not_that_of_the_ticks():
+    fine, coarse = accelerating(), accelerating(step_rad=2 * np.pi / 90, wrapped=True)
+    assert fine.noise.resolution_m == pytest.approx(FINEST_RAD * RADIUS)
+    assert coarse.noise.resolution_m == pytest.approx(2 * np.pi / 90 * RADIUS)
+    np.testing.assert_allclose(coarse.total.pose, fine.total.pose, atol=0.02)
+
+
+def test_ticks_keep_the_resolution_of_the_robot():
+    wheels = odometry()
+    drive(wheels, [(0, 0), (7, 7), (16, 17)])
+    assert wheels.noise.resolution_m == pytest.approx(TICK_M)
+
+
+def test_the_resolution_of_an_odometry_is_that_of_its_way():
+    wheels = odometry(ticks_per_turn=20.0)
+    turn = 2 * np.pi / 90 * RADIUS
+    for index, ticks in enumerate([0, 1, 3, 6, 10, 13, 17, 20]):
+        wheels.add_pose(100_000_000 * index, np.array([ticks * turn, 0.0, 0.0]))
+    assert wheels.noise.resolution_m == pytest.approx(2.0 * turn)  # one wheel's, if the other one stood
+
+
+def test_changes_of_one_size_tell_no_more_than_that_size():
+    resolution = Resolution(1e-3)
+    resolution.add(0.5, -0.5, 0.5 + 1e-9)
+    assert resolution.step == 0.5
+    resolution.add(0.7)
+    assert resolution.step == pytest.approx(0.2)
+    resolution.add(0.70005)
+    assert resolution.step == 1e-3
+
+
+def test_wrapped_angles_with_some_samples_missing_are_the_turn_that_was_driven():
+    """In 0.3 s a wheel could have turned back by nearly a turn; but it was turning ahead."""
+    for wrapped in (False, True):
+        wheels = odometry()
+        ages_s = [*np.arange(0.0, 1.4, 0.02), *np.arange(1.7, 2.4, 0.02)]  # it wraps meanwhile
+        for age_s in ages_s:
+            angle = 6.0 * age_s
+            wheels.add_angles(nanoseconds(age_s), *[np.angle(np.exp(1j * angle)) if wrapped else angle] * 2)
+        assert wheels.total.pose[0] == pytest.approx(6.0 * ages_s[-1] * RADIUS)
+
+
+def test_endless_angles_are_right_after_any_silence():
+    wheels = odometry()
+    for age_s, angle in ((0.0, 0.0), (0.02, 0.1), (0.04, 0.2), (10.0, 30.0), (20.0, 5.0)):
+        wheels.add_angles(nanoseconds(age_s), angle, angle)
+    assert wheels.total.pose[0] == pytest.approx(0.5)
 
 
 def test_an_odometry_is_taken_as_it_is():

@@ -9,7 +9,7 @@ from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame, TopicNames, WheelUnit
-from ceiling_dso_ros.io.ros_messages import TYPES, header, message
+from ceiling_dso_ros.io.ros_messages import TYPES, header, message, transform_stamped
 
 START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
 WIDTH, HEIGHT = 96, 80
@@ -229,7 +229,7 @@ def test_ticks(path):
             bag.ticks("/wheel/right/ticks", stamp_ns(index), right)
     wheels = open_recording(path).wheels
     assert wheels.stamps_ns.tolist() == [stamp_ns(index) for index in range(3)]
-    assert (wheels.left.tolist(), wheels.right.tolist()) == ([1, 4, 9], [-5, -6, -7])
+    assert wheels.readings.tolist() == [[1, -5], [4, -6], [9, -7]]
 
 
 def test_angles_of_joint_states(path, tmp_path):
@@ -243,8 +243,7 @@ def test_angles_of_joint_states(path, tmp_path):
     wheels = open_recording(path, robot_file=tmp_path / "robot.yaml").wheels
     assert wheels.stamps_ns.tolist() == [stamp_ns(index) for index in range(3)]
     assert wheels.unit is WheelUnit.RADIANS
-    np.testing.assert_array_equal(wheels.left, [0.0, -np.pi / 2, -np.pi])
-    np.testing.assert_array_equal(wheels.right, [0.0, np.pi, 2 * np.pi])
+    np.testing.assert_array_equal(wheels.readings, [[0.0, 0.0], [-np.pi / 2, np.pi], [-np.pi, 2 * np.pi]])
 
 
 def test_the_mount_comes_from_tf_static_through_chains(path, tmp_path):
@@ -261,13 +260,55 @@ def test_the_mount_comes_from_tf_static_through_chains(path, tmp_path):
     np.testing.assert_allclose(robot.T_base_camera, up @ quarter_turn, atol=1e-15)
 
 
-def test_a_mount_that_nobody_knows(path, tmp_path):
+def test_a_mount_that_nobody_knows_is_reported_with_the_frames_that_were_looked_up(path, tmp_path):
     (tmp_path / "robot.yaml").write_text(ROBOT)
     with BagWriter(path) as bag:
         write_info(bag)
         write_images(bag)
-    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'robot.yaml'}: T_base_camera must have xyz")):
+        bag.tf_static(START_NS, [("base_link", "laser", np.eye(4))])
+    expected = f"{path}: tf has no base_link -> optical, its frames are base_link, laser; write T_base_camera into "
+    with pytest.raises(InputError, match=re.escape(expected)):
         _ = open_recording(path, robot_file=tmp_path / "robot.yaml").robot
+
+
+def test_a_mount_on_tf_counts_where_tf_static_has_none(path, tmp_path):
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        for second in range(3):
+            moving = [transform_stamped(START_NS + second, "/base_link", "/optical", np.diag([1.0, -1.0, -1.0, 1.0]))]
+            bag.write("/tf", START_NS + second, message("tf2_msgs/TFMessage", transforms=moving))
+    robot = open_recording(path, robot_file=tmp_path / "robot.yaml").robot
+    np.testing.assert_allclose(robot.T_base_camera, np.diag([1.0, -1.0, -1.0, 1.0]), atol=1e-15)
+
+
+def test_frames_can_be_named(path, tmp_path):
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    with BagWriter(path) as bag:
+        write_info(bag)
+        bag.image(IMAGE, START_NS, "", picture())
+        bag.tf_static(START_NS, [("chassis", "lens", np.eye(4))])
+    with pytest.raises(InputError, match=f"{IMAGE} do not name their frame.*--camera-frame"):
+        _ = open_recording(path, robot_file=tmp_path / "robot.yaml").robot
+    topics = TopicNames(base_frame="chassis", camera_frame="/lens")
+    np.testing.assert_array_equal(
+        open_recording(path, topics, robot_file=tmp_path / "robot.yaml").robot.T_base_camera, np.eye(4)
+    )
+
+
+def test_the_times_of_images_are_those_of_their_headers_and_tell_how_late_they_were_recorded(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        for index in range(30):
+            image = message(
+                "sensor_msgs/Image",
+                **{"header": header(stamp_ns(index), "optical"), "height": HEIGHT, "width": WIDTH, "encoding": "mono8"},
+                **{"is_bigendian": 0, "step": WIDTH, "data": picture().reshape(-1)},
+            )
+            bag.write(IMAGE, stamp_ns(index) + 7_000_000, image)
+    times = open_recording(path).image_times()
+    assert (times.first_ns, times.last_ns, times.delay_ns) == (stamp_ns(0), stamp_ns(29), 7_000_000)
 
 
 def test_files_beside_the_bag_belong_to_it(path, tmp_path):

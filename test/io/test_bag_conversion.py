@@ -33,7 +33,7 @@ def test_a_bag_holds_what_the_folder_holds(tum_folder, tmp_path):
 
     assert_same_frames(folder, bag)
     assert bag.calibration == folder.calibration
-    for name in ("stamps_ns", "left", "right"):
+    for name in ("stamps_ns", "readings"):
         np.testing.assert_array_equal(getattr(bag.wheels, name), getattr(folder.wheels, name))
     np.testing.assert_allclose(bag.robot.T_base_camera, folder.robot.T_base_camera, atol=1e-15)
 

@@ -5,6 +5,7 @@ import pytest
 from ceiling_dso_ros.io.bag_trajectories import read_trajectories
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.ros_messages import header, message, transform_stamped
 
 
 def pose(x):
@@ -22,6 +23,14 @@ def bag(tmp_path):
             writer.odometry("/odometry/filtered", stamp_ns, "odom", "base_link", pose(second), np.zeros(3), np.zeros(3))
             writer.pose("/pose", stamp_ns, "vo", pose(10.0 * second))
         writer.pose("/pose", 4 * 10**9, "vo", pose(np.nan))
+        null = transform_stamped(0, "vo", "camera", np.eye(4)).transform.rotation
+        null.w = 0.0
+        content = message(
+            "geometry_msgs/Pose", position=message("geometry_msgs/Point", x=0.0, y=0.0, z=0.0), orientation=null
+        )
+        writer.write(
+            "/pose", 5 * 10**9, message("geometry_msgs/PoseStamped", header=header(5 * 10**9, "vo"), pose=content)
+        )
         writer.ticks("/ticks", 10**9, 5)
     return path
 
@@ -32,6 +41,17 @@ def test_poses_of_every_type(bag):
     for name, gain in (("fused", 1.0), ("camera", 10.0)):
         assert trajectories[name].stamps_ns.tolist() == [10**9, 2 * 10**9, 3 * 10**9]
         assert trajectories[name].positions[:, 0].tolist() == [gain, 2.0 * gain, 3.0 * gain]
+
+
+def test_what_is_left_out_is_said(bag):
+    said = []
+    read_trajectories(bag, {"fused": "/odometry/filtered", "camera": "/pose"}, said.append)
+    assert said == [
+        f"{bag}, /odometry/filtered: 1 messages are left out: not later than the one before",
+        f"{bag}, /pose: 1 messages are left out: not later than the one before",
+        f"{bag}, /pose: 1 messages are left out: the pose has a number that is not finite",
+        f"{bag}, /pose: 1 messages are left out: the pose's quaternion is zero",
+    ]
 
 
 def test_topics_without_poses_are_named(bag):

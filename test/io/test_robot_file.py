@@ -39,8 +39,8 @@ def test_the_cameras_clock_is_right_unless_the_file_says_otherwise(tmp_path):
 
 def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
     other = np.diag([1.0, -1.0, -1.0, 1.0])
-    np.testing.assert_array_equal(read(tmp_path, ROBOT, T_base_camera=other).T_base_camera, other)
-    assert read(tmp_path, ROBOT + MOUNT, T_base_camera=other).T_base_camera[0, 3] == 0.18
+    np.testing.assert_array_equal(read(tmp_path, ROBOT, find_mount=lambda: other).T_base_camera, other)
+    assert read(tmp_path, ROBOT + MOUNT, find_mount=lambda: 1 / 0).T_base_camera[0, 3] == 0.18
 
 
 @pytest.mark.parametrize(
@@ -90,5 +90,5 @@ def test_what_is_written_is_read_back(tmp_path):
 
 def test_an_empty_mount_is_none(tmp_path):
     other = np.diag([1.0, -1.0, -1.0, 1.0])
-    robot = read(tmp_path, ROBOT + "T_base_camera: ''", T_base_camera=other)
+    robot = read(tmp_path, ROBOT + "T_base_camera: ''", find_mount=lambda: other)
     np.testing.assert_array_equal(robot.T_base_camera, other)

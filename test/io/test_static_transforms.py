@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
+import pytest
 
 from ceiling_dso_ros.io.ros_messages import message, transform_stamped
 from ceiling_dso_ros.io.static_transforms import StaticTransforms
@@ -54,3 +55,20 @@ def test_frames_that_are_not_connected():
 
 def test_a_loop_ends():
     assert tree(("a", "b", np.eye(4)), ("b", "a", np.eye(4))).lookup("base_link", "a") is None
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (np.nan, 0, 0, 1), (0, 0, 0, 1.1), (1e-4, 0, 0, 0)])
+def test_what_tf2_ignores_is_ignored(quaternion):
+    good = ("base_link", "camera", translation(0, 0, 1))
+    bad = transform_stamped(0, "base_link", "camera", np.eye(4))
+    for name, value in zip("xyzw", quaternion):
+        setattr(bad.transform.rotation, name, float(value))
+    transforms = tree(good)
+    transforms.add(message("tf2_msgs/TFMessage", transforms=[bad]))
+    np.testing.assert_array_equal(transforms.lookup("base_link", "camera"), translation(0, 0, 1))
+    assert transforms.frames == ["base_link", "camera"]
+
+
+def test_a_translation_that_is_not_finite_and_a_frame_without_a_name_are_ignored():
+    transforms = tree(("base_link", "camera", translation(0, np.nan, 1)), ("", "camera", np.eye(4)))
+    assert transforms.frames == []

@@ -24,3 +24,17 @@ def test_counters_far_apart_do_not_belong_together():
     pairs.add("left", 1000 * MS, 10)
     assert pairs.add("right", 2000 * MS, 20) is None
     assert pairs.add("left", 2010 * MS, 30) == (2010 * MS, 30, 20)
+
+
+def test_a_first_counter_that_was_missed_does_not_shift_all_pairs():
+    pairs = TickPairs()
+    stamps = [("right", 2), ("left", 20), ("right", 22), ("left", 40), ("right", 42), ("left", 60), ("right", 62)]
+    found = [pairs.add(side, stamp * MS, stamp) for side, stamp in stamps]
+    assert found == [None, (20 * MS, 20, 2), None, None, (42 * MS, 40, 42), None, (62 * MS, 60, 62)]
+
+
+def test_counters_of_which_no_partner_came_are_counted():
+    pairs = TickPairs()
+    for stamp in range(3):
+        pairs.add("left", stamp * MS, stamp)
+    assert pairs.unpaired == 2

@@ -77,7 +77,7 @@ def test_comments_blank_lines_and_long_quaternions(tmp_path):
         ("nan 1 2 3 0 0 0 1\n", "line 1: 'nan' is not a time in seconds; expected"),
         ("1 1 2 3 0 0 0 0\n", "line 1: the quaternion is zero"),
         ("#\n2 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n", "line 3: the stamp is not later than the one before; sort the file"),
-        ("2 1 2 3 0 0 0 1\n2 1 2 3 0 0 0 1\n", "line 2: the stamp is not later than the one before; sort the file"),
+        ("2 1 2 3 0 0 0 1\n2 1 2 3 0 0 0 1\n", "line 2: the stamp is that of the line before; remove one of the two"),
     ],
 )
 def test_bad_lines_are_named(tmp_path, text, complaint):

@@ -40,8 +40,7 @@ def test_a_complete_folder(tum_folder):
     for frame, image in zip(frames, images_of(tum_folder)):
         np.testing.assert_array_equal(frame.image, image)
     assert recording.wheels.stamps_ns.tolist() == [1_700_000_001_000_000_000 + k * 20_000_000 for k in range(3)]
-    assert recording.wheels.left.tolist() == [10, 15, 21]
-    assert recording.wheels.right.tolist() == [-20, -18, -15]
+    assert recording.wheels.readings.tolist() == [[10, -20], [15, -18], [21, -15]]
     assert recording.robot.wheel_radius_m == (0.098, 0.099)
     np.testing.assert_allclose(recording.robot.T_base_camera[:3, 3], [0.18, 0.04, 0.62])
     assert recording.ground_truth_path == tum_folder / "groundtruth.tum"
@@ -193,7 +192,8 @@ def test_folders_of_no_recording(tum_folder, change, complaint):
         ("stamp,left,right\n", ": there are no ticks in it"),
         ("stamp,left,right\n1.0,2\n", ", line 2: '1.0,2'; expected 'stamp,left,right', ticks as whole numbers"),
         ("1.0,2,3.5\n", ", line 1: '1.0,2,3.5'; expected 'stamp,left,right', ticks as whole numbers"),
-        ("1.0,2,3\n1.0,2,3\n", ", line 2: the stamp is not later than the one before; sort the file"),
+        ("1.0,2,3\n1.0,2,3\n", ", line 2: the stamp is that of the line before; remove one of the two"),
+        ("1.0,2,3\n0.9,2,3\n", ", line 2: the stamp is not later than the one before; sort the file"),
     ],
 )
 def test_ticks_of_no_wheels(tum_folder, text, complaint):

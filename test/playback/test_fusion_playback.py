@@ -19,7 +19,7 @@ def wheels(seconds):
     """Straight on."""
     ages_ns = 20_000_000 * np.arange(int(seconds * 50))
     turned = SPEED_M_S * ages_ns * 1e-9 / (2 * np.pi * 0.1) * 4096
-    return WheelSamples(WheelUnit.TICKS, BEGIN_NS + ages_ns, turned.astype(np.int64), turned.astype(np.int64))
+    return WheelSamples(WheelUnit.TICKS, BEGIN_NS + ages_ns, np.column_stack([turned, turned]).astype(np.int64))
 
 
 def statuses(seconds):

@@ -20,10 +20,10 @@ from waiting import wait_until
 
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.io.ros_messages import planar_pose
 from ceiling_dso_ros.msg import FusionScale, FusionStatus, Keyframe, Keyframes, RelativePose, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
 from ceiling_dso_ros.ros.map_publisher import point_cloud
-from ceiling_dso_ros.ros.planar_messages import planar_pose
 
 WHEEL_HZ, CAMERA_HZ, FRAMES_PER_KEYFRAME = 50, 25, 5
 SPEED_M_S, TURN_RAD_S = 0.5, 0.25

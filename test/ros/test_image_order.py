@@ -61,3 +61,25 @@ def test_a_new_run_begins_with_any_image():
     stream.image(NOW_NS)
     stream.order.reset()
     assert stream.image(NOW_NS - 10 * FRAME_NS)
+
+
+def test_two_clocks_are_said_with_how_far_they_are_apart():
+    stream = Stream(is_simulated=True)
+    stream.image(NOW_NS - FRAME_NS)
+    assert stream.order.apart == ""
+    assert not stream.image(NOW_NS + 3600 * 10**9, wheels_ns=None)
+    assert stream.order.apart == ""
+    stream.image(NOW_NS + 3600 * 10**9)
+    assert stream.order.apart == "stamps of images are 3600.0 s after those of the wheels: two clocks"
+    stream.image(NOW_NS - 2 * 10**9)
+    assert stream.order.apart == (
+        "stamps of images are 2.0 s before those of the wheels: two clocks, or images come late"
+    )
+    stream.order.reset()
+    assert stream.order.apart == ""
+
+
+def test_images_that_go_on_while_the_wheels_are_silent_are_on_one_clock_with_them():
+    stream = Stream(silence_s=3.0)
+    stream.image(NOW_NS + 3 * 10**9)
+    assert stream.order.apart == ""

@@ -8,6 +8,7 @@ pytestmark = pytest.mark.ros
 from geometry_msgs.msg import Pose  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
+from ceiling_dso_ros.io.ros_messages import planar_pose  # noqa: E402
 from ceiling_dso_ros.ros import planar_messages  # noqa: E402
 
 POSE = np.array([1.0, -2.0, 2.5])
@@ -19,7 +20,7 @@ def odometry(covariance=np.diag([1.0, 2.0, 3.0]), twist_covariance=np.diag([4.0,
 
 
 def test_pose_there_and_back():
-    np.testing.assert_allclose(planar_messages.planar_pose(odometry().pose.pose), POSE, atol=1e-12)
+    np.testing.assert_allclose(planar_pose(odometry().pose.pose), POSE, atol=1e-12)
 
 
 def test_twist_is_that_of_the_child():
@@ -42,7 +43,7 @@ def test_covariances_are_where_they_belong_and_never_singular():
 def test_poses_that_are_none_are_refused(field):
     pose = Pose()
     with pytest.raises(ValueError, match="zero"):
-        planar_messages.planar_pose(pose)
+        planar_pose(pose)
     setattr(pose.orientation, field, float("nan"))
     with pytest.raises(ValueError, match="not finite"):
-        planar_messages.planar_pose(pose)
+        planar_pose(pose)

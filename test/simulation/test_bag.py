@@ -114,7 +114,7 @@ def test_the_package_reads_its_own_bag(bag):
     for one, two in zip(again.frames(), recording.frames()):
         assert (one.stamp_ns, one.exposure_ms) == (two.stamp_ns, two.exposure_ms)
         np.testing.assert_array_equal(one.image, two.image)
-    np.testing.assert_array_equal(again.wheels.left, recording.wheels.left)
+    np.testing.assert_array_equal(again.wheels.readings, recording.wheels.readings)
     np.testing.assert_array_equal(again.wheels.stamps_ns, recording.wheels.stamps_ns)
     np.testing.assert_allclose(again.robot.T_base_camera, recording.robot.T_base_camera, atol=1e-9)
     assert again.calibration == recording.calibration

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Iterator
 
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, warn
+from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     )
     add_recording_options(parser)
     parser.add_argument("--out", metavar="robot.yaml", type=Path, required=True, help="output file")
-    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions to use instead of the recording's")
+    add_wheel_options(parser)
     parser.set_defaults(execute=execute)
 
 
@@ -42,28 +43,30 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.fusion.calibration_data import camera_poses
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
+    from ceiling_dso_ros.io.recording import WheelUnit
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import robot_model
     from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
     warnings = WarningLog(warn)
     recording = open_with(options, warnings)
-    wheels, description = recording.wheels, recording.robot
-    if wheels is None or len(wheels) < 2:
-        raise InputError(f"{options.input}: has no wheel encoders; give it joint_states, ticks or encoders.csv")
-    if description is None:
-        raise InputError(f"{options.input}: the robot's dimensions are unknown; give them with --robot")
+    wheels, description = require_usable(recording)
+    if wheels.unit is WheelUnit.POSES:
+        warnings.add(
+            f"{wheels.source}: the radii and the wheel base are those of the driver of the odometry: correct them there"
+        )
     try:
         robot = robot_model(description)
         steps = list(wheel_steps(wheels, WheelOdometry(robot, WheelConfig())))
         calibration = calibrate(steps, camera_poses(_track(recording, options.bits, warnings)), robot)
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
-    print(_table(calibration))
     try:
         options.out.write_text(_yaml(calibration, options.input))
     except OSError as error:
         raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
+    finally:
+        print(_table(calibration))
 
 
 def _track(recording: "Recording", bits: int, warnings: "WarningLog") -> Iterator["OdometryStatus"]:

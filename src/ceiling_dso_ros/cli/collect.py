@@ -5,6 +5,7 @@ import argparse
 from pathlib import Path
 
 from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 TOPICS = {"camera": "/visual_odometry/pose", "wheel": "/wheel/odometry", "fused": "/odometry/filtered"}
@@ -40,7 +41,7 @@ def execute(options: argparse.Namespace) -> None:
         _collect_spool(options.input, options.out)
         return
     topics = {name: getattr(options, f"{name}_topic") for name in TOPICS}
-    trajectories = read_trajectories(options.input, topics)
+    trajectories = read_trajectories(options.input, topics, warn)
     if not trajectories:
         raise InputError(f"{options.input}: no poses on {', '.join(topics.values())}")
     try:

@@ -4,8 +4,9 @@
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Dict, Sequence
+from typing import TYPE_CHECKING, Dict, List, Sequence
 
+from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,24 +60,39 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Evaluate every trajectory there is.
+    """Evaluate every trajectory there is; those that cannot be compared are said and left out.
 
     Raises:
-        InputError: missing or unreadable files, trajectories that cannot be compared, or an unwritable folder.
+        InputError: missing or unreadable files, no trajectory that can be compared, or an unwritable folder.
     """
     from ceiling_dso_ros.evaluation.report import tables
     from ceiling_dso_ros.io.trajectory import read_tum
 
     directory = options.directory
     references = {path: read_tum(path) for path in (options.reference, _base_reference(options))}
-    estimates = {name: read_tum(path) for name, path in _find_trajectories(directory).items()}
-    evaluations = [_evaluate(name, estimate, references, options) for name, estimate in estimates.items()]
+    estimates: Dict[str, Trajectory] = {}
+    evaluations: List[TrajectoryEvaluation] = []
+    left_out: Dict[str, InputError] = {}
+    for name, path in _find_trajectories(directory).items():
+        try:
+            estimate = read_tum(path)
+            evaluations.append(_evaluate(name, estimate, references, options))
+            estimates[name] = estimate
+        except InputError as error:
+            left_out[name] = error
+    if not evaluations:
+        raise next(iter(left_out.values()))
+    for reason in left_out.values():
+        warn(f"{reason}; left out")
     used = {_reference_of(name, options): None for name in estimates}  # a dict keeps their order
     start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
     end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
     drawn = [_positions(references[path], start_ns, end_ns) for path in used]
-    _write(directory, options, drawn, evaluations)
+    _write(directory, options, drawn, evaluations, {name: str(reason) for name, reason in left_out.items()})
     print(tables(evaluations))
+    for each in evaluations:
+        if each.pairs < each.poses:
+            print(f"{each.name}: {each.poses - each.pairs} of {each.poses} poses have no partner in the reference")
     for path in used:
         print(f"{', '.join(name for name in estimates if _reference_of(name, options) == path)}: against {path}")
 
@@ -100,6 +116,7 @@ def _write(
     options: argparse.Namespace,
     references_m: Sequence["np.ndarray"],
     evaluations: Sequence["TrajectoryEvaluation"],
+    left_out: Dict[str, str],
 ) -> None:
     from ceiling_dso_ros.evaluation.figures import write_figures
 
@@ -109,6 +126,7 @@ def _write(
         "max_difference_s": options.max_difference,
         "interpolated": options.interpolate,
         "trajectories": {evaluation.name: evaluation.numbers() for evaluation in evaluations},
+        "left_out": left_out,
     }
     try:
         (directory / "evaluation.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")

@@ -2,7 +2,6 @@
 """The commands of `ceiling-dso`, which is `python3 -m ceiling_dso_ros` too, and their exit codes."""
 
 import argparse
-import os
 import signal
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
 from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, run, simulate
+from ceiling_dso_ros.cli.standard_streams import forgive_standard_streams
 from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 
@@ -48,9 +48,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     options = parser.parse_args(arguments)
     try:
         options.execute(options)
-        sys.stdout.flush()
-    except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
     except InputError as error:
@@ -69,11 +66,20 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run_process() -> NoReturn:
     """Run the command that this process was started with: the entry point of `ceiling-dso`.
 
-    SIGTERM ends it like Ctrl-C. Ctrl-C ends it also if a shell's `&` has disabled it.
+    SIGTERM ends it like Ctrl-C. Ctrl-C ends it also if a shell's `&` has disabled it. A reader of the output, such as
+    `head`, may close it at any time.
     """
     for number in INTERRUPTS:
         signal.signal(number, signal.default_int_handler)
-    sys.exit(main())
+    output = forgive_standard_streams()
+    try:
+        code = main()
+    except SystemExit as end:  # of the parser, after --help or for wrong usage
+        code = int(end.code or DONE)
+    output.flush()
+    if output.error is not None and not isinstance(output.error, BrokenPipeError) and code == DONE:
+        code = _complain(f"cannot write the standard output: {output.error.strerror}", FAILED)
+    sys.exit(code)
 
 
 def _complain(message: str, code: int) -> int:

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Dict, Optional, Tuple
 
+from ceiling_dso_ros.cli.wheel_options import topics_of_wheels
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def open_with(options: argparse.Namespace, warnings: "WarningLog") -> "Recording
     check_bits(options.bits, "--bits")
     return open_recording(
         options.input,
-        TopicNames(**topics_of_camera(options)),
+        TopicNames(**topics_of_camera(options), **topics_of_wheels(options)),
         camera_file=options.camera,
         robot_file=getattr(options, "robot", None),
         rectified=options.rectified,

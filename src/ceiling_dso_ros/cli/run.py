@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Optional
 
 from ceiling_dso_ros.cli.output_folder import output_folder
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
+from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import was_interrupt
 
@@ -32,7 +33,6 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     )
     add_recording_options(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")
-    parser.add_argument("--robot", metavar="robot.yaml", type=Path, help="dimensions to use instead of the recording's")
     parser.add_argument("--size", metavar="WxH", help="scale the images down to this size (default: original size)")
     parser.add_argument(
         "--fps", metavar="N", type=float, default=0.0, help="largest number of images used per second (default: all)"
@@ -59,6 +59,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         action="store_true",
         help="predict the motion of the camera from the wheels; useful with few images a second",
     )
+    add_wheel_options(parser)
     parser.set_defaults(execute=execute)
 
 
@@ -90,9 +91,8 @@ def execute(options: argparse.Namespace) -> None:
     recording = open_with(options, warnings)
     size = None if options.size is None else parse_image_size(options.size, "--size")
     visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
-    fusion = _fusion(recording, fusion_config, warnings)
-    if options.predict and fusion is None:
-        raise InputError(f"{recording.path}: --predict needs wheels and the robot's dimensions")
+    needs_wheels = options.predict or bool(options.wheel_input or options.wheel_odometry)
+    fusion = _fusion(recording, fusion_config, warnings, needs_wheels)
     with output_folder(options.out) as folder:
         write_settings(folder / "config.yaml", config)
         if fusion is not None:
@@ -117,19 +117,30 @@ def execute(options: argparse.Namespace) -> None:
             print(_describe(playback.summary(), options.out))
 
 
-def _fusion(recording: "Recording", config: "FusionConfig", warnings: "WarningLog") -> Optional["FusionPlayback"]:
-    """The fusion of a run, None without wheels. Called before the run, so that errors in robot.yaml are found early."""
+def _fusion(
+    recording: "Recording", config: "FusionConfig", warnings: "WarningLog", needs_wheels: bool
+) -> Optional["FusionPlayback"]:
+    """The fusion of a run, None without usable wheels. Called before the run, so that errors are found early.
+
+    Raises:
+        InputError: the robot's dimensions cannot be used, or usable wheels are needed and there are none.
+    """
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
+    from ceiling_dso_ros.playback.wheel_check import uncovered, why_unusable
 
-    robot, wheels = recording.robot, recording.wheels
+    wheels = require_usable(recording)[0] if needs_wheels else recording.wheels
     if wheels is None:
         return None
-    if robot is None:
-        warnings.add(f"{recording.path}: the wheels are not used: the robot's dimensions are unknown; give --robot")
+    problem = why_unusable(recording, wheels)
+    if problem or recording.robot is None:
+        warnings.add(f"{problem}; the wheels are not used")
         return None
+    missing = uncovered(recording, wheels)
+    if missing:
+        warnings.add(missing)
     try:
-        return FusionPlayback(wheels, robot_model(robot), config)
+        return FusionPlayback(wheels, robot_model(recording.robot), config, warnings.add)
     except ConfigError as error:
         raise InputError(f"{recording.path}: {error}") from error
 

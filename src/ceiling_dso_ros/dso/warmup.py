@@ -19,7 +19,7 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
-from ceiling_dso_ros.dso.compute.jit import cache_folder, cache_folders
+from ceiling_dso_ros.dso.compute.jit import cache_folder, cache_folders, cache_problem
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
@@ -60,8 +60,11 @@ def load_kernels(tell: Callable[[str], None]) -> None:
     A separate process compiles missing kernels: a process that compiles may round differently from those that load.
 
     Args:
-        tell: is called with a message before the compilation, because it takes a minute or two.
+        tell: is called with a message before the compilation, because it takes a minute or two, and where nothing can
+            be cached.
     """
+    if cache_problem():
+        tell(cache_problem())
     marker = _marker()
     if marker is not None and not marker.exists():
         tell("compiling the kernels, which takes a minute or two the first time")

@@ -6,6 +6,7 @@ several steps keeps two sources of error separate: white noise of the wheels, an
 radius, ratio of the radii, wheel base), with the derivative of the pose by their logarithms.
 """
 
+import bisect
 import math
 from dataclasses import dataclass, replace
 from typing import Callable, Optional, Tuple
@@ -17,6 +18,9 @@ from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.durations import seconds
 
 INT32_RANGE = 2**32
+TURN = 2.0 * math.pi
+# Finer readings are no better: gears have play, and wheels are not round. Nor may the covariance become singular.
+FINEST_RAD, FINEST_M = 1e-3, 5e-5
 
 # Two readings and the seconds between them -> the (3,) twist, None when no robot can have moved so.
 TwistOf = Callable[[np.ndarray, np.ndarray, float], Optional[np.ndarray]]
@@ -78,13 +82,19 @@ class WheelMotion:
         return WheelMotion(stamp_ns, stamp_ns, np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-@dataclass(frozen=True)
+@dataclass
 class WheelNoise:
-    """The error model of one robot's wheels."""
+    """The error model of one robot's wheels.
+
+    Attributes:
+        config: its settings.
+        wheel_base_m: distance of the wheels.
+        resolution_m: of a wheel's readings, on the floor: that of the ticks, or as it is found from other readings.
+    """
 
     config: WheelConfig
     wheel_base_m: float
-    resolution_m: float  # what one tick is on the floor
+    resolution_m: float
 
     def white(self, step: WheelStep) -> np.ndarray:
         """(3, 3) covariance of the twist: the error of each wheel's distance is noise_m_per_sqrt_m sqrt(distance)."""
@@ -133,13 +143,44 @@ class WheelNoise:
 
     @property
     def resolution(self) -> np.ndarray:
-        """(3, 3) covariance of a motion from the tick resolution at its two ends."""
+        """(3, 3) covariance of a motion from the resolution of the readings at its two ends."""
         tick = self.resolution_m / math.sqrt(6.0)
         return np.diag([tick, tick, 2.0 * tick / self.wheel_base_m]) ** 2
 
     def covariance(self, motion: WheelMotion, constants: np.ndarray) -> np.ndarray:
         """(3, 3) covariance of a motion's pose, given the (3, 3) covariance of the constants."""
         return motion.noise + motion.jacobian @ constants @ motion.jacobian.T + self.resolution
+
+
+class Resolution:
+    """Finds the resolution of readings from how much they change from one to the next.
+
+    Changes of coarse readings are multiples of one step, so that no two of them are nearer to each other than it. Those
+    of fine readings come as near as they like.
+
+    Attributes:
+        step: the smallest difference of two changes so far, at least the finest, in the unit of the readings.
+    """
+
+    SAME = 0.01  # share of the finest: changes that are nearer are equal but for rounding
+    KEPT = 200  # changes, which are enough: of n that are spread evenly over a range, two are range / n^2 apart
+
+    def __init__(self, finest: float) -> None:
+        self.step = self._finest = finest
+        self._smallest = math.inf
+        self._changes = [0.0]
+
+    def add(self, *changes: float) -> None:
+        """Add changes of readings that are equally coarse."""
+        for change in map(abs, changes):
+            place = bisect.bisect(self._changes, change)
+            gap = min(abs(change - other) for other in self._changes[max(place - 1, 0) : place + 1])
+            if gap < self.SAME * self._finest:
+                continue
+            self._smallest = min(gap, self._smallest)
+            self.step = max(self._smallest, self._finest)
+            if len(self._changes) < self.KEPT:
+                self._changes.insert(place, float(change))
 
 
 class WheelOdometry:
@@ -155,12 +196,14 @@ class WheelOdometry:
         self._robot = robot
         self._config = config
         self._signs = np.where(robot.reversed_wheels, -1.0, 1.0)
-        resolution_m = 2.0 * math.pi * max(robot.wheel_radius_m) / robot.ticks_per_turn
-        self.noise = WheelNoise(config, robot.wheel_base_m, resolution_m)
+        self._tick_m = TURN * max(robot.wheel_radius_m) / robot.ticks_per_turn
+        self.noise = WheelNoise(config, robot.wheel_base_m, self._tick_m)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: the next sample is the origin."""
+        self._angle_steps, self._forward_steps = Resolution(FINEST_RAD), Resolution(FINEST_M)
+        self._range_rad = np.full((2, 2), np.nan)  # smallest and largest angle of each wheel
         self._total: Optional[WheelMotion] = None
         self.message = ""
         self.dropped = 0
@@ -195,14 +238,20 @@ class WheelOdometry:
         Returns:
             The step since the last sample; None for the first sample and for one that is not used.
         """
+        self.noise.resolution_m = self._tick_m
         return self._add(stamp_ns, np.array([left, right], dtype=float), self._twist_of_ticks)
 
     def add_angles(self, stamp_ns: int, left_rad: float, right_rad: float) -> Optional[WheelStep]:
-        """Take in the angles of the wheels, endless or wrapped at a whole turn; returns as `add_ticks`."""
+        """Take in the angles of the wheels, endless or wrapped at a whole turn; returns as `add_ticks`.
+
+        Their resolution is not that of the ticks, which the driver may have refined: it is found from the angles.
+        """
+        self.noise.resolution_m = self._angle_steps.step * max(self._robot.wheel_radius_m)
         return self._add(stamp_ns, np.array([left_rad, right_rad]), self._twist_of_angles)
 
     def add_pose(self, stamp_ns: int, pose: np.ndarray) -> Optional[WheelStep]:
         """Take in the (3,) pose of an odometry as it is; returns as `add_ticks`."""
+        self.noise.resolution_m = 2.0 * self._forward_steps.step  # forward is the mean of two wheels
         return self._add(stamp_ns, np.asarray(pose, dtype=float), self._twist_of_poses)
 
     def _add(self, stamp_ns: int, reading: np.ndarray, twist_of: TwistOf) -> Optional[WheelStep]:
@@ -236,13 +285,22 @@ class WheelOdometry:
 
     def _twist_of_ticks(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
         ticks = (after - before + INT32_RANGE // 2) % INT32_RANGE - INT32_RANGE // 2
-        return self._twist_of_turns(ticks * (2.0 * math.pi / self._robot.ticks_per_turn), dt)
+        return self._twist_of_turns(ticks * (TURN / self._robot.ticks_per_turn), dt)
 
     def _twist_of_angles(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
         turns = after - before
+        both = np.array([*self._range_rad, before, after])
+        self._range_rad = np.array([np.nanmin(both, axis=0), np.nanmax(both, axis=0)])
+        # Angles that have stayed within a turn may be wrapped. After a silence the last rate says nothing any more.
+        may_wrap = (np.ptp(self._range_rad, axis=0) < 1.01 * TURN) & (dt < self._config.silence_s)
         too_fast = np.abs(turns) * self._robot.wheel_radius_m > self._config.max_speed_m_s * dt
-        wrapped = (turns + math.pi) % (2.0 * math.pi) - math.pi
-        return self._twist_of_turns(np.where(too_fast, wrapped, turns), dt)
+        expected = np.array([-0.5, 0.5]) * self._robot.wheel_base_m * self._rate[2] + self._rate[0]
+        expected = np.where(dt < self._config.silence_s, expected * dt, 0.0) / self._robot.wheel_radius_m * self._signs
+        turns += np.where(may_wrap | too_fast, TURN * np.round((expected - turns) / TURN), 0.0)
+        twist = self._twist_of_turns(turns, dt)
+        if twist is not None:
+            self._angle_steps.add(*turns)
+        return twist
 
     def _twist_of_turns(self, turns_rad: np.ndarray, dt: float) -> Optional[np.ndarray]:
         left, right = self._signs * turns_rad * self._robot.wheel_radius_m
@@ -253,7 +311,10 @@ class WheelOdometry:
     def _twist_of_poses(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
         twist = planar.logmap(planar.between(before, after))
         fastest = np.hypot(twist[0], twist[1]) + 0.5 * self._robot.wheel_base_m * abs(twist[2])
-        return None if fastest > self._config.max_speed_m_s * dt else twist
+        if fastest > self._config.max_speed_m_s * dt:
+            return None
+        self._forward_steps.add(twist[0])
+        return twist
 
 
 def _text(stamp_ns: int) -> str:

@@ -5,11 +5,12 @@ from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.io.bag_reader import RawMessage, open_bag, read_messages
+from ceiling_dso_ros.io.bag_reader import RawMessage, open_bag, read_first_and_last, read_messages
+from ceiling_dso_ros.io.bag_wheels import BagWheels
 from ceiling_dso_ros.io.camera_info import (
     calibration_from_camera_info,
     camera_info_fields,
@@ -19,16 +20,22 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
-from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, TopicNames, WheelSamples
+from ceiling_dso_ros.io.recording import (
+    ImageTimes,
+    ListedImage,
+    Recording,
+    RobotDescription,
+    TopicNames,
+    WheelSamples,
+)
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.static_transforms import StaticTransforms
 from ceiling_dso_ros.io.warning_log import ignore_warning
-from ceiling_dso_ros.io.wheel_joints import WheelJoints
-from ceiling_dso_ros.io.wheel_messages import samples_of_counters, samples_of_joint_states
 
-BASE_FRAME = "base_link"
+TF = "tf2_msgs/msg/TFMessage"
+TIMED_IMAGES = 20
 
 DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
     "sensor_msgs/msg/Image": lambda image: decode_image(
@@ -91,23 +98,25 @@ class BagRecording(Recording):
             stamp_ns = header_stamp_ns(image.header)
             yield ListedImage(stamp_ns, exposures_ms.get(stamp_ns), name, partial(decode, image))
 
+    def image_times(self) -> Optional[ImageTimes]:
+        """See Recording; of a number of images, because all of them would take long to read."""
+        stamps_ns: List[int] = []
+        delays_ns: List[int] = []
+        for raw in read_first_and_last(self.path, self._image_topic, TIMED_IMAGES):
+            with suppress(FrameError):
+                stamps_ns.append(header_stamp_ns(raw.content().header))
+                delays_ns.append(raw.stamp_ns - stamps_ns[-1])
+        return ImageTimes(min(stamps_ns), max(stamps_ns), int(np.median(delays_ns))) if stamps_ns else None
+
     @cached_property
     def wheels(self) -> Optional[WheelSamples]:
-        """See Recording."""
-        left, right, joint_states = self._topics.left_ticks, self._topics.right_ticks, self._topics.joint_states
-        if left in self._types and right in self._types:
-            sides = {left: "left", right: "right"}
-            counters = self._contents("std_msgs/msg/Int32", left, right)  # without stamps of their own
-            return samples_of_counters((sides[topic], stamp_ns, message.data) for topic, stamp_ns, message in counters)
-        if joint_states in self._types:
-            states = [state for _, _, state in self._contents("sensor_msgs/msg/JointState", joint_states)]
-            return samples_of_joint_states(states, WheelJoints(self._topics.left_joint, self._topics.right_joint))
-        return None
+        """See Recording and `BagWheels`."""
+        return BagWheels(self.path, self._types, self._topics, self._contents, self._warn).read()
 
     @cached_property
     def robot(self) -> Optional[RobotDescription]:
-        """See Recording; T_base_camera comes from /tf_static unless the robot file has it."""
-        return None if self._robot_file is None else read_robot_file(self._robot_file, self._read_T_base_camera())
+        """See Recording; T_base_camera comes from tf unless the robot file has it."""
+        return None if self._robot_file is None else read_robot_file(self._robot_file, self._find_mount)
 
     @property
     def ground_truth_path(self) -> Optional[Path]:
@@ -195,13 +204,38 @@ class BagRecording(Recording):
         exposures = (exposure for _, _, exposure in self._contents("ceiling_dso_ros/msg/Exposure", topic))
         return {header_stamp_ns(e.header): e.exposure_ms for e in exposures if 0 < e.exposure_ms < np.inf}
 
-    def _read_T_base_camera(self) -> Optional[np.ndarray]:
-        for _, _, image in self._contents(self._types[self._image_topic], self._image_topic):
-            static = self._contents("tf2_msgs/msg/TFMessage", "/tf_static")
-            return StaticTransforms(message for _, _, message in static).lookup(
-                BASE_FRAME, image.header.frame_id.lstrip("/")
-            )
-        return None
+    def _find_mount(self) -> np.ndarray:
+        """T_base_camera (4, 4) from /tf_static, or from /tf as it first is there.
+
+        Raises:
+            InputError: the frames are not connected.
+        """
+        base, camera = self._topics.base_frame, self._topics.camera_frame or self._frame_of_images()
+        transforms = StaticTransforms(message for _, _, message in self._contents(TF, "/tf_static"))
+        moving = (message for _, _, message in self._contents(TF, "/tf"))
+        mount = transforms.lookup(base, camera)
+        while mount is None:
+            message = next(moving, None)
+            if message is None:
+                frames = ", ".join(transforms.frames) or "none"
+                raise InputError(
+                    f"{self.path}: tf has no {base} -> {camera}, its frames are {frames}; write T_base_camera into "
+                    f"{self._robot_file}, or name the frames with --base-frame and --camera-frame"
+                )
+            transforms.add(message)
+            mount = transforms.lookup(base, camera)
+        return mount
+
+    def _frame_of_images(self) -> str:
+        for raw in read_first_and_last(self.path, self._image_topic, TIMED_IMAGES):
+            with suppress(FrameError):
+                frame = str(raw.content().header.frame_id)
+                if frame.strip("/"):
+                    return frame
+        raise InputError(
+            f"{self.path}: the images on {self._image_topic} do not name their frame, so tf has no pose of the camera; "
+            f"name it with --camera-frame, or write T_base_camera into {self._robot_file}"
+        )
 
     def _contents(self, message_type: str, *topics: str) -> Iterator[Tuple[str, int, RosMessage]]:
         """(topic, stamp_ns of the record, message) of all messages of some topics, none if they are not in the bag."""

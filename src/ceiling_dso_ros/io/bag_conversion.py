@@ -6,6 +6,8 @@ from heapq import merge
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Optional, Tuple, Union
 
+import numpy as np
+
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.camera_info import calibration_from_camera_info
 from ceiling_dso_ros.io.camera_models import CameraCalibration
@@ -62,12 +64,24 @@ def _wheel_events(wheels: Optional[WheelSamples], bag: BagWriter, topics: TopicN
     if wheels is None:
         return
     joints = [topics.left_joint or "left_wheel", topics.right_joint or "right_wheel"]
-    for stamp_ns, left, right in wheels:
+    for stamp_ns, *reading in wheels:
         if wheels.unit is WheelUnit.RADIANS:
-            yield stamp_ns, partial(bag.joint_state, topics.joint_states, stamp_ns, joints, [left, right])
+            yield stamp_ns, partial(bag.joint_state, topics.joint_states, stamp_ns, joints, reading)
+        elif wheels.unit is WheelUnit.POSES:
+            frames, T = ("odom", topics.base_frame), _lifted(*reading)
+            yield stamp_ns, partial(bag.odometry, topics.wheel_odometry, stamp_ns, *frames, T, np.zeros(3), np.zeros(3))
         else:
-            yield stamp_ns, partial(bag.ticks, topics.left_ticks, stamp_ns, left)
-            yield stamp_ns, partial(bag.ticks, topics.right_ticks, stamp_ns, right)
+            for topic, ticks in zip((topics.left_ticks, topics.right_ticks), reading):
+                yield stamp_ns, partial(bag.ticks, topic, stamp_ns, ticks)
+
+
+def _lifted(pose: np.ndarray) -> np.ndarray:
+    """(4, 4) of (3,) x, y, yaw."""
+    x, y, yaw = pose.tolist()
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    T[:2, 3] = x, y
+    return T
 
 
 def _camera_info(calibration: CameraCalibration) -> Optional[Dict[str, Any]]:

@@ -2,8 +2,9 @@
 """Streams messages from ROS 1 bags; any problem with a bag is reported as an InputError of one line."""
 
 from contextlib import contextmanager
+from itertools import chain, islice
 from pathlib import Path
-from typing import Iterator, NamedTuple, Sequence
+from typing import Iterator, List, NamedTuple, Sequence
 
 from rosbags.rosbag1 import Reader
 
@@ -77,3 +78,18 @@ def read_messages(path: Path, topics: Sequence[str]) -> Iterator[RawMessage]:
         if connections:  # none would mean all
             for connection, stamp_ns, data in reader.messages(connections):
                 yield RawMessage(connection.topic, stamp_ns, connection.msgtype, data)
+
+
+def read_first_and_last(path: Path, topic: str, count: int) -> List[RawMessage]:
+    """The first messages of a topic, up to a number, and the last one, without those between; none if there are none.
+
+    Raises:
+        InputError: the bag cannot be read there.
+    """
+    with open_bag(path) as reader:
+        connections = [each for each in reader.connections if each.topic == topic and reader.indexes[each.id]]
+        if not connections:
+            return []
+        last_ns = max(reader.indexes[connection.id][-1].time for connection in connections)
+        messages = chain(islice(reader.messages(connections), count), reader.messages(connections, start=last_ns))
+        return [RawMessage(each.topic, stamp_ns, each.msgtype, data) for each, stamp_ns, data in messages]

@@ -2,14 +2,15 @@
 """Trajectories from recorded pose topics."""
 
 from pathlib import Path
-from typing import Callable, Dict, List, Tuple
+from typing import Callable, Counter, Dict, List, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.io.bag_reader import read_messages
 from ceiling_dso_ros.io.errors import FrameError, InputError
-from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
+from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns, pose_matrix
 from ceiling_dso_ros.io.trajectory import Trajectory
+from ceiling_dso_ros.io.warning_log import ignore_warning
 
 POSE_OF: Dict[str, Callable[[RosMessage], RosMessage]] = {
     "nav_msgs/msg/Odometry": lambda message: message.pose.pose,
@@ -18,14 +19,17 @@ POSE_OF: Dict[str, Callable[[RosMessage], RosMessage]] = {
 }
 
 
-def read_trajectories(path: Path, topics: Dict[str, str]) -> Dict[str, Trajectory]:
+def read_trajectories(
+    path: Path, topics: Dict[str, str], warn: Callable[[str], None] = ignore_warning
+) -> Dict[str, Trajectory]:
     """Read the poses of some topics.
 
-    Damaged messages, and stamps that are not later than the one before, are left out.
+    Damaged messages, poses that are none, and stamps that are not later than the one before, are left out.
 
     Args:
         path: a ROS 1 bag.
         topics: name -> topic of nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
+        warn: is told how many messages of a topic are left out, and why.
 
     Returns:
         Name -> trajectory, of those topics that have poses.
@@ -34,17 +38,25 @@ def read_trajectories(path: Path, topics: Dict[str, str]) -> Dict[str, Trajector
         InputError: the bag cannot be read, or a topic has messages of another type.
     """
     rows: Dict[str, List[Tuple[int, List[float]]]] = {topic: [] for topic in topics.values()}
+    left_out = Counter[Tuple[str, str]]()
     for raw in read_messages(path, list(rows)):
         if raw.message_type not in POSE_OF:
             raise InputError(f"{path}, {raw.topic}: {raw.message_type} has no pose; {', '.join(POSE_OF)} have")
+        known = rows[raw.topic]
         try:
             message = raw.content()
-        except FrameError:
+            pose = POSE_OF[raw.message_type](message)
+            pose_matrix(pose.position, pose.orientation)
+        except (FrameError, ValueError) as error:
+            left_out[raw.topic, str(error)] += 1
             continue
-        stamp_ns, pose = header_stamp_ns(message.header), _numbers(POSE_OF[raw.message_type](message))
-        known = rows[raw.topic]
-        if np.isfinite(pose).all() and (not known or stamp_ns > known[-1][0]):
-            known.append((stamp_ns, pose))
+        stamp_ns = header_stamp_ns(message.header)
+        if known and stamp_ns <= known[-1][0]:
+            left_out[raw.topic, "not later than the one before"] += 1
+            continue
+        known.append((stamp_ns, _numbers(pose)))
+    for (topic, reason), count in left_out.items():
+        warn(f"{path}, {topic}: {count} messages are left out: {reason}")
     return {name: _trajectory(rows[topic]) for name, topic in topics.items() if rows[topic]}
 
 
@@ -56,4 +68,5 @@ def _numbers(pose: RosMessage) -> List[float]:
 def _trajectory(rows: List[Tuple[int, List[float]]]) -> Trajectory:
     stamps_ns, poses = zip(*rows)
     table = np.array(poses)
-    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], table[:, 3:])
+    quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
+    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], quaternions)

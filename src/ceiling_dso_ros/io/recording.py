@@ -64,10 +64,11 @@ class ListedImage:
 
 
 class WheelUnit(enum.Enum):
-    """What a recording says of a wheel."""
+    """What a recording says of the wheels."""
 
     TICKS = "ticks"  # counters, which may wrap around
     RADIANS = "radians"  # angles, endless or wrapped at a whole turn
+    POSES = "poses"  # of the base, by the robot's own wheel odometry
 
 
 @dataclass(frozen=True)
@@ -75,23 +76,30 @@ class WheelSamples:
     """Readings of the two wheels as recorded.
 
     Attributes:
-        unit: of left and right.
+        unit: of the readings.
         stamps_ns: (N,) int64 nanoseconds, increasing.
-        left, right: (N,) int64 ticks or float64 radians.
+        readings: (N, 2) of the left and the right wheel, int64 ticks or float64 radians; or (N, 3) float64 poses x, y,
+            yaw.
+        source: names them in messages.
+        delay_ns: how long after their stamps they were recorded, in the median; None where that is unknown.
     """
 
     unit: WheelUnit
     stamps_ns: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
+    readings: np.ndarray
+    source: str = "the wheels"
+    delay_ns: Optional[int] = None
 
     def __len__(self) -> int:
         """How many there are."""
         return len(self.stamps_ns)
 
-    def __iter__(self) -> Iterator[Tuple[int, Any, Any]]:
-        """(stamp_ns, left, right) of each, in the order of time; int ticks or float radians."""
-        return zip(self.stamps_ns.tolist(), self.left.tolist(), self.right.tolist())
+    def __iter__(self) -> Iterator[Tuple[Any, ...]]:
+        """The arguments of `add_ticks`, `add_angles` or `add_pose` for each, in the order of time."""
+        stamps_ns = self.stamps_ns.tolist()
+        if self.unit is WheelUnit.POSES:
+            return zip(stamps_ns, self.readings)
+        return zip(stamps_ns, *self.readings.T.tolist())
 
 
 @dataclass(frozen=True)
@@ -114,6 +122,20 @@ class RobotDescription:
 
 
 @dataclass(frozen=True)
+class ImageTimes:
+    """When the images of a recording were taken.
+
+    Attributes:
+        first_ns, last_ns: stamps, nanoseconds.
+        delay_ns: how long after their stamps images were recorded, in the median; None where that is unknown.
+    """
+
+    first_ns: int
+    last_ns: int
+    delay_ns: Optional[int] = None
+
+
+@dataclass(frozen=True)
 class TopicNames:
     """Topics of a bag; the defaults are those of the simulator.
 
@@ -122,8 +144,12 @@ class TopicNames:
         camera_info: sensor_msgs/CameraInfo; None for camera_info in the namespace of the image topic.
         exposure: ceiling_dso_ros/Exposure, optional in the bag; None for exposure in the namespace of the image topic.
         left_ticks, right_ticks: std_msgs/Int32 counters of the wheels, optional in the bag.
-        joint_states: sensor_msgs/JointState with the wheels' angles, used where there are no ticks.
-        left_joint, right_joint: names of the wheels in it; empty for those that contain left and right.
+        joint_states: sensor_msgs/JointState with the wheels' angles, optional in the bag.
+        left_joint, right_joint: names of the wheels in it; empty for those that `WheelJoints` finds.
+        wheel_odometry: nav_msgs/Odometry, the robot's own, optional in the bag.
+        wheel_input: which of them is used: ticks, joint_states or odometry; empty for ticks, else joint states.
+        base_frame: the robot's frame, on the floor between the wheels.
+        camera_frame: the camera's optical frame; empty for that of the images.
     """
 
     image: str = "/camera/up/image_raw"
@@ -134,6 +160,10 @@ class TopicNames:
     joint_states: str = "/joint_states"
     left_joint: str = ""
     right_joint: str = ""
+    wheel_odometry: str = "/odom"
+    wheel_input: str = ""
+    base_frame: str = "base_link"
+    camera_frame: str = ""
 
     def beside_image(self, name: str) -> str:
         """The topic of that name in the namespace of the image topic."""
@@ -170,6 +200,15 @@ class Recording(ABC):
         Raises:
             InputError: the recording turns out to be damaged.
         """
+
+    def image_times(self) -> Optional[ImageTimes]:
+        """When the images were taken; None where no image has a stamp.
+
+        Raises:
+            InputError: the recording turns out to be damaged.
+        """
+        stamps_ns = [listed.stamp_ns for listed in self.images() if listed.stamp_ns is not None]
+        return ImageTimes(min(stamps_ns), max(stamps_ns)) if stamps_ns else None
 
     @property
     @abstractmethod

@@ -2,7 +2,7 @@
 """Dimensions of a robot in `robot.yaml` and in the ROS parameters `~robot/...`."""
 
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, Mapping, Optional, Sequence
 
 import numpy as np
 import yaml
@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
 from ceiling_dso_ros.io.recording import RobotDescription
+from ceiling_dso_ros.io.text_files import read_text
 
 NAMES = {
     "ticks_per_turn": None,
@@ -21,25 +22,24 @@ NAMES = {
 }
 
 
-def read_robot_file(path: Path, T_base_camera: Optional[np.ndarray] = None) -> RobotDescription:
+def read_robot_file(path: Path, find_mount: Optional[Callable[[], np.ndarray]] = None) -> RobotDescription:
     """Read a robot's dimensions; see `robot_from_values`.
 
     Args:
         path: the yaml file.
-        T_base_camera: (4, 4), for a file that does not have it.
+        find_mount: gives T_base_camera (4, 4), for a file that does not have it.
 
     Raises:
         InputError: the file cannot be read, or a value is missing, unknown or impossible.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the file: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = yaml.safe_load(read_text(path))
+    except yaml.YAMLError as error:
         raise InputError(f"{path}: is not yaml: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: expected the keys ticks_per_turn, wheel_radius, wheel_base, T_base_camera")
-    return robot_from_values(content, str(path), T_base_camera)
+    mount = None if find_mount is None or content.get("T_base_camera", "") != "" else find_mount()
+    return robot_from_values(content, str(path), mount)
 
 
 def robot_from_values(values: Mapping, source: str, T_base_camera: Optional[np.ndarray] = None) -> RobotDescription:

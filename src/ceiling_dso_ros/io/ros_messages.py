@@ -80,12 +80,40 @@ def quaternion(T: np.ndarray) -> RosMessage:
     return message("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
 
 
+def pose_matrix(position: RosMessage, orientation: RosMessage) -> np.ndarray:
+    """(4, 4) transform of a geometry_msgs/Point or Vector3 and a Quaternion, of rosbags or of rospy.
+
+    Raises:
+        ValueError: a number is not finite, or the quaternion is zero.
+    """
+    numbers = np.array([position.x, position.y, position.z, orientation.x, orientation.y, orientation.z, orientation.w])
+    if not np.isfinite(numbers).all():
+        raise ValueError("the pose has a number that is not finite")
+    if np.linalg.norm(numbers[3:]) < 1e-6:
+        raise ValueError("the pose's quaternion is zero")
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
+    T[:3, 3] = numbers[:3]
+    return T
+
+
+def planar_pose(pose: RosMessage) -> np.ndarray:
+    """(3,) x, y, yaw of a geometry_msgs/Pose, of rosbags or of rospy; z, roll and pitch are left out.
+
+    Raises:
+        ValueError: a number is not finite, or the quaternion is zero.
+    """
+    T = pose_matrix(pose.position, pose.orientation)
+    return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
+
+
 def transform_matrix(transform: RosMessage) -> Tuple[str, str, np.ndarray]:
-    """Parent, child and T_parent_child (4, 4) of a geometry_msgs/TransformStamped."""
-    translation, rotation = transform.transform.translation, transform.transform.rotation
-    T_parent_child = np.eye(4)
-    T_parent_child[:3, :3] = Rotation.from_quat([rotation.x, rotation.y, rotation.z, rotation.w]).as_matrix()
-    T_parent_child[:3, 3] = translation.x, translation.y, translation.z
+    """Parent, child and T_parent_child (4, 4) of a geometry_msgs/TransformStamped.
+
+    Raises:
+        ValueError: a number is not finite, or the quaternion is zero.
+    """
+    T_parent_child = pose_matrix(transform.transform.translation, transform.transform.rotation)
     return transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/"), T_parent_child
 
 

@@ -2,6 +2,7 @@
 """Trajectories in the TUM format: a line `stamp tx ty tz qx qy qz qw` for every pose."""
 
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import List, Tuple, Union
 
@@ -11,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.replacing import replace_file
-from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp_ns
-from ceiling_dso_ros.io.text_files import read_lines
+from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp
+from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines
 
 LINE = "%s" + 7 * " %.9f" + "\n"
 
@@ -58,29 +59,26 @@ class Trajectory:
 def read_tum(path: Union[str, Path]) -> Trajectory:
     """Read a TUM file; blank lines and lines that begin with # are skipped, quaternions are normalised.
 
+    Stamps are seconds, or whole nanoseconds; see `stamps_in_ns`.
+
     Raises:
         InputError: unreadable or empty file, a line of another form, a number that is not finite, or a stamp that is
             not later than the one before.
     """
-    stamps_ns: List[int] = []
-    poses: List[List[float]] = []
-    for where, line in read_lines(Path(path)):
-        stamp_ns, pose = _parse_line(line, where)
-        if stamps_ns and stamp_ns <= stamps_ns[-1]:
-            raise InputError(f"{where}: the stamp is not later than the one before; sort the file")
-        stamps_ns.append(stamp_ns)
-        poses.append(pose)
-    if not poses:
+    rows = [(where, *_parse_line(line, where)) for where, line in read_lines(Path(path))]
+    if not rows:
         raise InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
+    places, stamps, poses = zip(*rows)
+    stamps_ns = np.array(increasing_stamps(Path(path), list(zip(places, stamps))), np.int64)
     table = np.array(poses)
     quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
-    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], quaternions)
+    return Trajectory(stamps_ns, table[:, :3], quaternions)
 
 
-def _parse_line(line: str, where: str) -> Tuple[int, List[float]]:
+def _parse_line(line: str, where: str) -> Tuple[Decimal, List[float]]:
     try:
         stamp, *numbers = line.replace(",", " ").split()
-        stamp_ns, pose = parse_stamp_ns(stamp), [float(number) for number in numbers]
+        number, pose = parse_stamp(stamp), [float(word) for word in numbers]
     except ValueError as error:
         raise InputError(f"{where}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
     if len(pose) != 7:
@@ -89,7 +87,7 @@ def _parse_line(line: str, where: str) -> Tuple[int, List[float]]:
         raise InputError(f"{where}: a number is not finite")
     if np.linalg.norm(pose[3:]) < 1e-6:
         raise InputError(f"{where}: the quaternion is zero")
-    return stamp_ns, pose
+    return number, pose
 
 
 def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:

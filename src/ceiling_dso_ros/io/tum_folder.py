@@ -4,6 +4,7 @@
 import zipfile
 import zlib
 from contextlib import ExitStack
+from decimal import Decimal
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Dict, Iterator, List, NamedTuple, NoReturn, Optional, Set, Tuple
@@ -16,8 +17,8 @@ from ceiling_dso_ros.io.image_decoding import decode_compressed
 from ceiling_dso_ros.io.photometric import read_photometric
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.robot_file import read_robot_file
-from ceiling_dso_ros.io.stamps import parse_stamp_ns
-from ceiling_dso_ros.io.text_files import read_lines
+from ceiling_dso_ros.io.stamps import parse_stamp
+from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines, stamps_of_file
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff"}
 
@@ -141,41 +142,49 @@ def _image_id(text: str) -> str:
 
 
 def _read_times(path: Path) -> List[_Time]:
-    times = [_parse_time(line, where) for where, line in read_lines(path)]
-    if not times:
+    lines = read_lines(path)
+    if not lines:
         raise InputError(f"{path}: it lists no images; expected lines of 'id stamp exposure_ms'")
-    return times
+    places, ids, stamps, exposures = zip(*((where, *_parse_time(line, where)) for where, line in lines))
+    return [_Time(*time) for time in zip(places, ids, stamps_of_file(path, stamps), exposures)]
 
 
-def _parse_time(line: str, where: str) -> _Time:
+def _parse_time(line: str, where: str) -> Tuple[str, Decimal, Optional[float]]:
     expected = "expected 'id stamp exposure_ms'"
     words = line.split()
     if len(words) not in (2, 3):
         raise InputError(f"{where}: {len(words)} words; {expected}")
     try:
-        stamp_ns = parse_stamp_ns(words[1])
+        stamp = parse_stamp(words[1])
         exposure_ms = float(words[2]) if len(words) == 3 else 0.0
     except ValueError as error:
         raise InputError(f"{where}: {error}; {expected}") from error
     if not np.isfinite(exposure_ms) or exposure_ms < 0:
         raise InputError(f"{where}: the exposure {words[2]} is impossible; it is in milliseconds, 0 when unknown")
-    return _Time(where, _image_id(words[0]), stamp_ns, exposure_ms or None)
+    return _image_id(words[0]), stamp, exposure_ms or None
 
 
 def _read_encoders(path: Path) -> WheelSamples:
     lines = read_lines(path)
     if lines and lines[0][1].replace(" ", "") == "stamp,left,right":
         lines = lines[1:]
-    rows: List[Tuple[int, int, int]] = []
-    for where, line in lines:
-        try:
-            stamp, left, right = line.split(",")
-            row = (parse_stamp_ns(stamp.strip()), int(left), int(right))
-        except ValueError:
-            raise InputError(f"{where}: '{line}'; expected 'stamp,left,right', ticks as whole numbers") from None
-        if rows and row[0] <= rows[-1][0]:
-            raise InputError(f"{where}: the stamp is not later than the one before; sort the file")
-        rows.append(row)
-    if not rows:
+    if not lines:
         raise InputError(f"{path}: there are no ticks in it; delete the file or write lines of 'stamp,left,right'")
-    return WheelSamples(WheelUnit.TICKS, *np.array(rows, dtype=np.int64).T)
+    places, stamps, ticks = zip(*((where, *_parse_ticks(line, where)) for where, line in lines))
+    stamps_ns = np.array(increasing_stamps(path, list(zip(places, stamps))), np.int64)
+    return WheelSamples(WheelUnit.TICKS, stamps_ns, np.array(ticks, np.int64), str(path))
+
+
+def _parse_ticks(line: str, where: str) -> Tuple[Decimal, Tuple[int, int]]:
+    try:
+        stamp, left, right = line.split(",")
+        return parse_stamp(stamp.strip()), (_int64(left), _int64(right))
+    except ValueError:
+        raise InputError(f"{where}: '{line}'; expected 'stamp,left,right', ticks as whole numbers") from None
+
+
+def _int64(text: str) -> int:
+    number = int(text)
+    if not -(2**63) <= number < 2**63:
+        raise ValueError(f"{text} is too large")
+    return number

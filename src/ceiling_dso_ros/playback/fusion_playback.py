@@ -2,7 +2,7 @@
 """Plays a recording's wheel samples into the fusion together with the odometry, as on a robot."""
 
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import Recording, RobotDescription, WheelSamples
 from ceiling_dso_ros.io.stamps import LATEST_NS, format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
+from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.playback.fused_record import FusedRecord, smoothed_trajectory
 from ceiling_dso_ros.playback.wheel_playback import WheelPlayback
 
@@ -43,9 +44,17 @@ class FusionPlayback:
         estimator: the fusion.
     """
 
-    def __init__(self, wheels: WheelSamples, robot: RobotModel, config: FusionConfig = FusionConfig()) -> None:
+    def __init__(
+        self,
+        wheels: WheelSamples,
+        robot: RobotModel,
+        config: FusionConfig = FusionConfig(),
+        warn: Callable[[str], None] = ignore_warning,
+    ) -> None:
+        """Begin; warn is told what is wrong with a wheel sample."""
         self.estimator = FusionEstimator(robot, config, keep_history=True)
-        self._wheels = WheelPlayback(wheels, self.estimator)
+        self._samples = wheels
+        self._wheels = WheelPlayback(wheels, self.estimator, warn)
         self._record = FusedRecord()
         self._fused: List[FusedState] = []
 
@@ -107,9 +116,15 @@ class FusionPlayback:
         return self._record.fused()
 
     def summary(self) -> Dict[str, Any]:
-        """The last scale (None if never known), the slips, and the changes of state with times and reasons."""
+        """The wheels, the last scale (None if never known), the slips, and the changes of state with their reasons."""
         scale = self.estimator.scale
         return {
+            "wheels": {
+                "source": self._samples.source,
+                "unit": self._samples.unit.value,
+                "samples": len(self._samples),
+                "dropped": self.estimator.wheels.dropped,
+            },
             "scale": {
                 "value": scale.value if np.isfinite(scale.value) else None,
                 "sigma": scale.sigma if np.isfinite(scale.sigma) else None,

@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
+from ceiling_dso_ros.io.ros_messages import pose_matrix
 from ceiling_dso_ros.msg import Keyframe, RelativePose, VisualOdometryStatus
 
 UNKNOWN_VARIANCE = 9999.0  # by convention: the value is unknown
@@ -55,21 +56,12 @@ def matrix_from_pose(pose: Pose) -> np.ndarray:
     Raises:
         ValueError: a number is not finite, or the quaternion is zero.
     """
-    position, orientation = pose.position, pose.orientation
-    quaternion = [orientation.x, orientation.y, orientation.z, orientation.w]
-    T = np.eye(4)
-    T[:3, 3] = position.x, position.y, position.z
-    if not np.isfinite([*quaternion, *T[:3, 3]]).all():
-        raise ValueError("the pose has a number that is not finite")
-    if np.linalg.norm(quaternion) < 1e-6:
-        raise ValueError("the pose's quaternion is zero")
-    T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    return T
+    return pose_matrix(pose.position, pose.orientation)
 
 
 def matrix_from_transform(transform: Transform) -> np.ndarray:
     """(4, 4) of a geometry_msgs/Transform."""
-    return matrix_from_pose(Pose(transform.translation, transform.rotation))
+    return pose_matrix(transform.translation, transform.rotation)
 
 
 def ros_time(stamp_ns: int) -> Time:

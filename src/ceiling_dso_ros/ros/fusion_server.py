@@ -19,6 +19,8 @@ from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
+from ceiling_dso_ros.io.ros_messages import planar_pose
+from ceiling_dso_ros.io.wheel_messages import other_body
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.playback.fusion_spool import FusionSpool
 from ceiling_dso_ros.playback.spool import SpoolFolder
@@ -30,7 +32,6 @@ from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node_parameters import FusionParameters
-from ceiling_dso_ros.ros.planar_messages import planar_pose
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.run_clock import RunClock
@@ -81,7 +82,7 @@ class FusionServer:
         own: FusionParameters
         own, self._config = parameters.read(FusionParameters, FusionConfig, groups=ROBOT_GROUP)
         robot, has_camera = read_robot()
-        self._odom_frame, base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
+        self._odom_frame, self._base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
 
         self._lock = threading.Lock()
         self._keeper = TrajectoryKeeper(own, self._begin_spool, self._newest_results)
@@ -91,13 +92,13 @@ class FusionServer:
         self._order = ImageOrder(self._clock.is_simulated)
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
-        self._mount = CameraMount(base_frame, camera_frame, robot.T_base_camera if has_camera else None)
+        self._mount = CameraMount(self._base_frame, camera_frame, robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
         self._camera_offset_ns = nanoseconds(robot.camera_time_offset_s)
         self._estimator = FusionEstimator(robot, self._config, keep_history=self._keep)
-        self._publisher = FusionPublisher(self._odom_frame, base_frame)
+        self._publisher = FusionPublisher(self._odom_frame, self._base_frame)
         self._map = MetricMap(self._odom_frame)
-        self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, base_frame)
+        self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, self._base_frame)
         self._forget()
 
         self._reconfigure_servers = (
@@ -152,6 +153,9 @@ class FusionServer:
             self._clock.follow(stamp_ns, self._start_anew)
             self._use_latched_window()
             self._use_mount()
+            doubt = "" if self._wheel_frame else other_body(message.child_frame_id, self._base_frame)
+            if doubt:
+                rospy.logwarn("%s: %s", rospy.resolve_name("wheel/odometry"), doubt)
             self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
             state = self._estimator.add_wheel_odometry(self._clock.inner_ns(stamp_ns), pose)
             if self._estimator.wheels.message:
@@ -310,6 +314,8 @@ class FusionServer:
             status.mergeSummary(diagnostics.ERROR, self._transform.complaint)
         if self._keeper.complaint:
             status.mergeSummary(diagnostics.WARN, self._keeper.complaint)
+        if self._order.apart:
+            status.mergeSummary(diagnostics.WARN, self._order.apart)
         self._wheels.judge(status, rospy.resolve_name("wheel/odometry"))
         self._images.judge(status, rospy.resolve_name("visual_odometry/status"), diagnostics.WARN)
         if state is not None:

@@ -22,12 +22,22 @@ class ImageOrder:
     def reset(self) -> None:
         """Begin a new run."""
         self._wheels_heard_s = 0.0
+        self._apart_s = 0.0
         self._last_ns: Optional[int] = None
         self._may_be_old = True
 
     def heard_wheels(self) -> None:
         """A wheel sample has arrived."""
         self._wheels_heard_s = self._monotonic_s()
+
+    @property
+    def apart(self) -> str:
+        """That images and wheels are on two clocks, in words; empty while they seem to be on one."""
+        if abs(self._apart_s) <= seconds(CAMERA_AHEAD_NS):
+            return ""
+        order = "after" if self._apart_s > 0.0 else "before"
+        late = "" if self._apart_s > 0.0 else ", or images come late"
+        return f"stamps of images are {abs(self._apart_s):.1f} s {order} those of the wheels: two clocks{late}"
 
     def is_usable(self, stamp_ns: int, wheels_ns: Optional[int], complain: Callable[[str], None]) -> bool:
         """Whether to use an image.
@@ -37,12 +47,14 @@ class ImageOrder:
             wheels_ns: of the newest wheel sample; None before the first.
             complain: takes what is wrong with an image of this run.
         """
+        # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.
+        silence_s = self._monotonic_s() - self._wheels_heard_s
+        wheels_are_silent = silence_s >= seconds(BACKWARDS_NS)
+        self._apart_s = 0.0 if wheels_ns is None or wheels_are_silent else seconds(stamp_ns - wheels_ns)
         if wheels_ns is None or (self._may_be_old and stamp_ns > wheels_ns + CAMERA_AHEAD_NS):
             return False
         self._may_be_old = False
-        # Where the clock has been set ahead, images may come before the wheels tell of it: these are not silent.
-        silence_s = self._monotonic_s() - self._wheels_heard_s
-        if not self._is_simulated and stamp_ns > wheels_ns + BACKWARDS_NS and silence_s < seconds(BACKWARDS_NS):
+        if not self._is_simulated and stamp_ns > wheels_ns + BACKWARDS_NS and not wheels_are_silent:
             complain("an image that is far ahead of the wheels")
             return False
         # Where the clock has been set back, images may come before the wheels tell by how much.

@@ -97,7 +97,7 @@ class WheelParameters:
     """Parameters of wheel_odometry_node; `robot` is on the same level."""
 
     input: str = "joint_states"  # or ticks
-    left_joint: str = ""  # name in joint_states; the one that contains left by default
+    left_joint: str = ""  # name in joint_states; found by default, see `WheelJoints`
     right_joint: str = ""
     odom_frame: str = "odom"
     base_frame: str = "base_link"

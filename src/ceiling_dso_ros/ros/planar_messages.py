@@ -2,26 +2,16 @@
 """Poses and velocities of a robot on a floor as ROS messages."""
 
 import numpy as np
-from geometry_msgs.msg import Pose, TransformStamped
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.ros.conversions import matrix_from_pose, pose_from_matrix
+from ceiling_dso_ros.ros.conversions import pose_from_matrix
 
 FLOOR_VARIANCE = 1e-6  # of z, roll and pitch, determined by the floor: not zero, because subscribers invert it
 IN_PLANE = (0, 1, 5)  # x, y, yaw
 ALONG_DRIVE = (0, 5)  # forward speed and yaw rate
-
-
-def planar_pose(pose: Pose) -> np.ndarray:
-    """(3,) x, y, yaw; z, roll and pitch are left out.
-
-    Raises:
-        ValueError: a number is not finite, or the quaternion is zero.
-    """
-    T = matrix_from_pose(pose)
-    return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
 
 
 def spatial_covariance(covariance: np.ndarray, axes: tuple) -> np.ndarray:

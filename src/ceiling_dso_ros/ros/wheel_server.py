@@ -70,7 +70,7 @@ class WheelServer:
             self._subscribe("joint_states", JointState, self._on_joint_states)
         else:
             self._name = f"{rospy.resolve_name('left/ticks')} and {rospy.resolve_name('right/ticks')}"
-            self._pairs = TickPairs()
+            self._pairs = TickPairs[int]()
             for side in ("left", "right"):
                 self._subscribe(f"{side}/ticks", Int32, lambda message, side=side: self._on_ticks(side, message))
 
@@ -83,24 +83,32 @@ class WheelServer:
         rospy.Subscriber(topic, kind, callback, queue_size=QUEUE_SIZE, tcp_nodelay=True)
 
     def _on_joint_states(self, message: JointState) -> None:
-        angles_rad = self._joints.angles_rad(message.name, message.position)
         stamp_ns = message.header.stamp.to_nsec()
         with self._lock:
-            if stamp_ns == 0:
+            were_known = bool(self._joints.pairs)
+            angles = self._joints.read(stamp_ns, message.name, message.position, message.velocity)
+            if self._joints.pairs and not were_known:
+                rospy.loginfo("the wheels are %s", ", ".join(map(str, self._joints.pairs)))
+            if self._joints.complaint:
+                self._complain(self._joints.complaint)
+            elif angles is None and (not self._samples.received or self._samples.silent):  # others may share the topic
+                self._samples.complain(self._joints.missing or "a message without the wheels")
+            if angles is not None and stamp_ns == 0:
                 self._samples.complain("a message without a stamp")
-            elif angles_rad is not None:
-                self._take_in(self._odometry.add_angles(self._begin_sample(stamp_ns), *angles_rad))
-            elif not self._samples.received or self._samples.silent:  # other joints may well share the topic
-                self._samples.complain("it contains no left and right wheel; set ~left_joint and ~right_joint")
+            elif angles is not None:
+                inner_ns = self._begin_sample(angles.stamp_ns)
+                self._take_in(self._odometry.add_angles(inner_ns, angles.left, angles.right))
 
     def _on_ticks(self, side: str, message: Int32) -> None:
         with self._lock:
             counters = self._pairs.add(side, rospy.Time.now().to_nsec(), message.data)
-            if counters is not None and counters.stamp_ns == 0:
+            if counters is None:
+                return
+            stamp_ns, left, right = counters
+            if stamp_ns == 0:
                 self._samples.complain("ticks before the clock has started")
-            elif counters is not None:
-                stamp_ns = self._begin_sample(counters.stamp_ns)
-                self._take_in(self._odometry.add_ticks(stamp_ns, counters.left, counters.right))
+            else:
+                self._take_in(self._odometry.add_ticks(self._begin_sample(stamp_ns), left, right))
 
     def _begin_sample(self, stamp_ns: int) -> int:
         """Count a sample, and restart if a bag is played again; returns its time on the inner clock."""
@@ -110,8 +118,7 @@ class WheelServer:
 
     def _take_in(self, step: Optional[WheelStep]) -> None:
         if self._odometry.message:
-            self._samples.complain(self._odometry.message)
-            rospy.logwarn_throttle(5.0, self._odometry.message)
+            self._complain(self._odometry.message)
         if not self._odometry.heard:
             return
         total, noise = self._odometry.total, self._odometry.noise
@@ -121,6 +128,10 @@ class WheelServer:
             self._publish(total, step.rate[::2], covariance)
         elif total is not None and not self._odometry.message and total.start_ns == total.end_ns:  # the origin
             self._publish(total, np.zeros(2), UNKNOWN_VARIANCE * np.eye(2))
+
+    def _complain(self, complaint: str) -> None:
+        self._samples.complain(complaint)
+        rospy.logwarn_throttle(5.0, complaint)
 
     def _publish(self, total: WheelMotion, twist: np.ndarray, twist_covariance: np.ndarray) -> None:
         """Publish the motion so far and (2,) forward speed and yaw rate with (2, 2) covariance."""

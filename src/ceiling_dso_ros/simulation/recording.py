@@ -48,7 +48,7 @@ class SimulatedRecording(Recording):
         """See Recording; the counters wrap around."""
         encoders = self.simulation.encoders
         stamps_ns = np.array([stamp_ns(time_s) for time_s in encoders.time_s], dtype=np.int64)
-        return WheelSamples(WheelUnit.TICKS, stamps_ns, encoders.counters[:, 0], encoders.counters[:, 1])
+        return WheelSamples(WheelUnit.TICKS, stamps_ns, encoders.counters)
 
     @property
     def robot(self) -> RobotDescription:

@@ -4,6 +4,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import llvmlite.binding as llvm
 import numba
@@ -24,10 +25,14 @@ def test_without_a_cache_folder_kernels_still_work(monkeypatch):
             raise RuntimeError("cannot cache function 'double': no locator available")
         return njit(*function, **options)
 
+    monkeypatch.setattr(jit, "_uncached", [])
+    assert jit.cache_problem() == ""
     monkeypatch.setattr(numba, "njit", without_folder)
-    with pytest.warns(UserWarning, match="NUMBA_CACHE_DIR"):
-        compiled = jit.kernel(double)
-    assert compiled(3) == 6
+    assert jit.kernel(double)(3) == 6
+    assert f"{Path(__file__).parent}/__pycache__" in jit.cache_problem()
+    assert "set NUMBA_CACHE_DIR to a folder" in jit.cache_problem()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/full")
+    assert "/full, " in jit.cache_problem()
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ version lacks it, the plain kernel is used, which is correct and slower.
 inline longer functions by itself.
 """
 
-import warnings
+import os
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Set, TypeVar, cast
 
@@ -24,6 +24,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 _compiled: List[Any] = []
+_uncached: List[Path] = []  # folders of kernels for which numba has found no folder that it can write
 _OPTIONS: Dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FASTMATH}
 
 
@@ -51,6 +52,18 @@ def cache_folder(compiled: Callable[..., Any]) -> Optional[Path]:
     """Where the machine code of a kernel is cached; None where nothing can be cached."""
     path = compiled.stats.cache_path  # type: ignore[attr-defined]  # a function to its callers, numba's class in truth
     return None if path is None else Path(path)
+
+
+def cache_problem() -> str:
+    """Why kernels that have been imported are not cached, and what to do, in words; empty where all are."""
+    if not _uncached:
+        return ""
+    asked_for = os.environ.get("NUMBA_CACHE_DIR")
+    tried = [*filter(None, [asked_for]), f"{_uncached[0]}/__pycache__"]
+    return (
+        f"kernels are compiled at every start, which takes minutes: {', '.join(tried)} and "
+        "the user's cache folder cannot be written; set NUMBA_CACHE_DIR to a folder that can"
+    )
 
 
 def cache_folders() -> Set[Path]:
@@ -83,8 +96,8 @@ def _compile(function: Function, options: Dict[str, Any]) -> Function:
 def _cached_where_possible(function: Function, options: Dict[str, Any]) -> Any:  # noqa: ANN401 numba has no types
     try:
         return numba.njit(**options)(function)
-    except RuntimeError as error:  # numba finds no folder that it can write
-        warnings.warn(f"kernels are compiled at every start: {error}; set NUMBA_CACHE_DIR", stacklevel=4)
+    except RuntimeError:  # numba finds no folder that it can write
+        _uncached.append(Path(function.__code__.co_filename).parent)
         return numba.njit(**{**options, "cache": False})(function)
 
 
