@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from ceiling_dso_ros.simulation.config import SimulationConfig
-    from ceiling_dso_ros.simulation.simulation import Measurement
+    from ceiling_dso_ros.simulation.sensors.measurements import Measurement
 
 EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker; each as NAME, NAME@START or
 NAME@START+DURATION in seconds. Files beside FILE.bag: FILE.groundtruth.tum (camera), FILE.groundtruth_base.tum,

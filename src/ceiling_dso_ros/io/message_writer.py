@@ -174,11 +174,13 @@ class MessageWriter(ABC):
         angle_limits: Tuple[float, float],
         range_limits: Tuple[float, float],
         scan_time: float = 0.0,
+        time_increment: float = 0.0,
     ) -> None:
         """Write sensor_msgs/LaserScan.
 
         The (N,) ranges in metres are spread evenly over angle_limits in radians, both ends included; range_limits are
-        the smallest and the largest valid range; scan_time is in seconds, 0 when unknown.
+        the smallest and the largest valid range; scan_time from scan to scan and time_increment from ray to ray are in
+        seconds, 0 when unknown. The stamp is that of the first ray.
         """
         first, last = angle_limits
         content = message(
@@ -187,7 +189,7 @@ class MessageWriter(ABC):
             angle_min=first,
             angle_max=last,
             angle_increment=(last - first) / (len(ranges) - 1),
-            time_increment=0.0,
+            time_increment=time_increment,
             scan_time=scan_time,
             range_min=range_limits[0],
             range_max=range_limits[1],
@@ -216,6 +218,11 @@ class MessageWriter(ABC):
             linear_acceleration_covariance=np.zeros(9),
         )
         self.write(topic, stamp_ns, content)
+
+    def tf(self, stamp_ns: int, parent: str, child: str, T_parent_child: np.ndarray) -> None:
+        """Write tf2_msgs/TFMessage with one transform on /tf."""
+        stamped = [transform_stamped(stamp_ns, parent, child, T_parent_child)]
+        self.write("/tf", stamp_ns, message("tf2_msgs/TFMessage", transforms=stamped))
 
     def tf_static(self, stamp_ns: int, transforms: Iterable[Tuple[str, str, np.ndarray]]) -> None:
         """Write a latched tf2_msgs/TFMessage on /tf_static: (parent, child, T_parent_child (4, 4)) each."""

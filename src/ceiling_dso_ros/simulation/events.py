@@ -87,14 +87,47 @@ def _parse(text: str, duration_s: float) -> List[Event]:
         length = float(match["duration"]) if match["duration"] else kind.duration_s
     except ValueError:
         raise EventError(f"'{text}': start and duration must be seconds") from None
+    if not match["start"] and not np.isfinite(duration_s):
+        raise EventError(f"'{text}': say when, {match['kind']}@START, because this drive has no end")
     if starts[-1] >= duration_s or length <= 0.0:
         raise EventError(f"'{text}': must begin within the sequence of {duration_s:.1f} s and last longer than 0 s")
     return [Event(match["kind"], start, length) for start in starts]
 
 
+def parse_live_event(text: str, now_s: float, events: Sequence[Event]) -> Event:
+    """An event while a drive goes on: `NAME[@START][+DURATION]`, now if no start is given.
+
+    Args:
+        text: the event.
+        now_s: seconds since the start of the drive.
+        events: those that there are already.
+
+    Raises:
+        EventError: the text is no event, the event would be in the past, or lamps that are on would go on.
+    """
+    name, plus, duration = text.strip().partition("+")
+    if name == "lights_on" and light_level(events, np.array([now_s]))[0] == 1.0:
+        raise EventError("'lights_on': the lamps are on")
+    (event,) = _parse(text if "@" in name else f"{name}@{now_s:.9f}{plus}{duration}", np.inf)
+    if event.start_s < now_s - 1e-6:
+        raise EventError(f"'{text}': that is over, the drive has lasted for {now_s:.1f} s")
+    return event
+
+
 def of_kind(events: Sequence[Event], kind: str) -> List[Event]:
     """The events of one kind."""
     return [event for event in events if event.kind == kind]
+
+
+SLIP = 0.5  # share of a slipping wheel's rotation that does not move the robot
+
+
+def slip_share(events: Sequence[Event], time_s: np.ndarray) -> np.ndarray:
+    """Share of the left wheel's rotation that is lost by slipping, (N,) of (N,) times."""
+    share = np.zeros(len(time_s))
+    for event in of_kind(events, "slip"):
+        share[(time_s >= event.start_s) & (time_s < event.end_s)] = SLIP
+    return share
 
 
 LIGHTS_OFF_LEVEL = 0.12

@@ -2,7 +2,7 @@
 """Where the robot drives: paths, the speed along them within the drive's limits, and the pose at any time."""
 
 from dataclasses import dataclass
-from typing import Callable, Sequence, Tuple, Union
+from typing import Callable, Protocol, Sequence, Tuple, Union
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -116,8 +116,18 @@ def _placed(start: np.ndarray, poses: np.ndarray) -> np.ndarray:
     return np.stack([start[0] + c * x - s * y, start[1] + s * x + c * y, start[2] + poses[:, 2]], axis=1)
 
 
+class BaseMotion(Protocol):
+    """How base_link moves over a flat floor."""
+
+    def poses(self, time_s: np.ndarray) -> np.ndarray:
+        """x, y, yaw (not wrapped): (N, 3) of (N,) times."""
+
+    def rates(self, time_s: np.ndarray) -> np.ndarray:
+        """Speed (m/s) and yaw rate (rad/s): (N, 2)."""
+
+
 class Motion:
-    """The motion of base_link over a flat floor, from time 0 to `duration_s`.
+    """A planned motion of base_link over a flat floor, from time 0 to `duration_s`.
 
     Attributes:
         duration_s: its end; before 0 and after the end the robot stands.

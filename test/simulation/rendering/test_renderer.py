@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
-from ceiling_dso_ros.simulation.geometry import quad
-from ceiling_dso_ros.simulation.materials import Material
-from ceiling_dso_ros.simulation.rendering import LENS_BLUR_PX, SAMPLE_TIMES, SAMPLES, TEXTURE_SAMPLES, Renderer
-from ceiling_dso_ros.simulation.scene import Hall, build_scene
+from ceiling_dso_ros.simulation.obstacles import Obstacles
+from ceiling_dso_ros.simulation.rendering.geometry import quad
+from ceiling_dso_ros.simulation.rendering.materials import Material
+from ceiling_dso_ros.simulation.rendering.renderer import LENS_BLUR_PX, SAMPLE_TIMES, SAMPLES, TEXTURE_SAMPLES, Renderer
+from ceiling_dso_ros.simulation.rendering.scene import Hall, build_scene
 
 CAMERA = PinholeCamera(100.0, 100.0, 63.5, 47.5, 128, 96)
 HEIGHT_M = 4.0
@@ -18,7 +19,7 @@ def edge():
     """A ceiling that is bright left of x = 0 and dark right of it."""
     bright, dark = Material(0.8, luminous=True), Material(0.2, luminous=True)
     surfaces = [quad((x, 10, HEIGHT_M), (10, 0, 0), (0, -20, 0), m) for x, m in ((-10, bright), (0, dark))]
-    return Renderer(build_scene(Hall(surfaces, [], (20.0, 20.0), np.zeros((0, 2, 2))), 100.0, 0), CAMERA)
+    return Renderer(build_scene(Hall(surfaces, [], (20.0, 20.0), Obstacles(np.zeros((0, 2, 2)))), 100.0, 0), CAMERA)
 
 
 def poses(x_of_sample):

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.simulation.config import SimulationConfig
-from ceiling_dso_ros.simulation.robot import NOMINAL, T_BASE_IMU, Vibration, WheelErrors
-from ceiling_dso_ros.simulation.sensors import SCAN_ANGLES, InertialUnit, read_encoders, scan
+from ceiling_dso_ros.simulation.robot import NOMINAL, WheelErrors
+from ceiling_dso_ros.simulation.sensors.encoders import read_encoders
 from ceiling_dso_ros.simulation.simulation import Simulation
-from ceiling_dso_ros.simulation.structures import room_plan
 
 
 def simulation(sequence="square", **settings):
@@ -87,52 +85,3 @@ def test_a_slipping_wheel_turns_twice_as_far():
         dry.robot.motion.poses(np.arange(14.0)),
         "the robot moves as planned",
     )
-
-
-def test_the_scan_measures_the_walls():
-    sim = simulation()
-    ranges = scan(sim.robot, room_plan(21.0, 15.0), 0.0, np.random.default_rng(0))
-    x, y, yaw = sim.robot.motion.poses(0.0)[0]
-    x, y = x + 0.28 * np.cos(yaw), y + 0.28 * np.sin(yaw)
-    heading = SCAN_ANGLES + yaw
-    hits = np.stack([x + ranges * np.cos(heading), y + ranges * np.sin(heading)], axis=1)
-    distance_to_wall = np.minimum(np.abs(np.abs(hits[:, 0]) - 10.5), np.abs(np.abs(hits[:, 1]) - 7.5))
-    assert len(ranges) == 541
-    assert distance_to_wall.max() < 0.06
-    assert np.abs(hits[:, 0]).max() < 10.6 and np.abs(hits[:, 1]).max() < 7.6
-
-
-def test_a_box_stands_in_the_way_of_the_scan_and_far_walls_are_out_of_reach():
-    sim = simulation()
-    x, y, yaw = sim.robot.motion.poses(0.0)[0]
-    ahead = [x + 3.28 * np.cos(yaw), y + 3.28 * np.sin(yaw), 0.5, 0.5]
-    ranges = scan(sim.robot, room_plan(100.0, 100.0, [ahead]), 0.0, np.random.default_rng(0))
-    assert ranges[270] == pytest.approx(2.5, abs=0.1)
-    assert np.isinf(ranges[[0, 540]]).all()
-
-
-def test_the_inertial_unit_feels_gravity_and_the_motion():
-    sim = simulation("loops", vibration=Vibration(0.0, 0.0, 0.0))
-    unit = InertialUnit(sim.robot, np.random.default_rng(1))
-    at_rest = np.array([np.concatenate(unit.measure(0.1 + 0.002 * k)) for k in range(400)])
-    np.testing.assert_allclose(at_rest.mean(axis=0)[:3], unit.gyro_bias, atol=1e-3)
-    np.testing.assert_allclose(at_rest.mean(axis=0)[3:] - unit.acceleration_bias, [0, 0, 9.81], atol=0.01)
-
-    time = 20.0 + 0.005 * np.arange(400)
-    moving = np.array([np.concatenate(unit.measure(t)) for t in time])
-    speed, yaw_rate = sim.robot.motion.rates(time).T
-    np.testing.assert_allclose((moving[:, 2] - unit.gyro_bias[2] - yaw_rate).mean(), 0.0, atol=2e-3)
-    centripetal = (speed * yaw_rate).mean() + T_BASE_IMU[0, 3] * np.gradient(yaw_rate, 0.005).mean()
-    assert (moving[:, 4] - unit.acceleration_bias[1]).mean() == pytest.approx(centripetal, abs=0.02)
-
-
-def test_imu_rates_integrate_to_the_rotation_of_the_base():
-    sim = simulation("loops")
-    unit = InertialUnit(sim.robot, np.random.default_rng(1))
-    time = np.arange(10.0, 14.0, 0.002)
-    turned = Rotation.identity()
-    for t in time:
-        turned = turned * Rotation.from_rotvec(0.002 * (unit.measure(t)[0] - unit.gyro_bias))
-    T = sim.robot.T_world_base(np.array([10.0 - 0.001, 14.0 - 0.001]))
-    expected = Rotation.from_matrix(T[0, :3, :3].T @ T[1, :3, :3])
-    assert np.degrees((turned.inv() * expected).magnitude()) < 0.2

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation.geometry import beam, box, disk, polygon, quad, tube
-from ceiling_dso_ros.simulation.materials import STEEL
+from ceiling_dso_ros.simulation.rendering.geometry import beam, box, disk, polygon, quad, tube
+from ceiling_dso_ros.simulation.rendering.materials import STEEL
 
 SOLIDS = {
     "upright box": box((1.0, 2.0, 3.0), (0.5, 0.3, 0.2), STEEL, yaw=0.7),

@@ -5,9 +5,9 @@ from typing import List, Sequence
 
 import numpy as np
 
-from ceiling_dso_ros.simulation import materials
-from ceiling_dso_ros.simulation.geometry import Point, Surface, beam, box, disk, polygon, quad, tube
-from ceiling_dso_ros.simulation.materials import Material
+from ceiling_dso_ros.simulation.rendering import materials
+from ceiling_dso_ros.simulation.rendering.geometry import Point, Surface, beam, box, disk, polygon, quad, tube
+from ceiling_dso_ros.simulation.rendering.materials import Material
 
 Surfaces = List[Surface]
 

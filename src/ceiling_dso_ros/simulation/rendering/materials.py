@@ -10,7 +10,7 @@ from typing import Callable, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.simulation.canvas import Canvas
+from ceiling_dso_ros.simulation.rendering.canvas import Canvas
 
 
 def _nothing(canvas: Canvas) -> None:

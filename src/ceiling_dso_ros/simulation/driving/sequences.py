@@ -5,7 +5,7 @@ from typing import Callable, Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.simulation.motion import (
+from ceiling_dso_ros.simulation.driving.motion import (
     DriveLimits,
     Leg,
     Motion,
@@ -68,6 +68,11 @@ SEQUENCES: Dict[str, Sequence] = {
 FIRST_REST_S = 1.0
 
 
+def random_start(sequence: Sequence, rng: np.random.Generator) -> np.ndarray:
+    """Start pose (x, y, yaw), near that of the sequence."""
+    return sequence.start + rng.uniform(-1.0, 1.0, 3) * (0.3, 0.3, 0.05)
+
+
 def plan(sequence: Sequence, duration_s: float, rng: np.random.Generator) -> Motion:
     """The motion of a sequence, at least duration_s long; the start pose differs a little with every seed.
 
@@ -76,7 +81,7 @@ def plan(sequence: Sequence, duration_s: float, rng: np.random.Generator) -> Mot
         duration_s: wanted length, 0 for one lap.
         rng: for the start.
     """
-    start = sequence.start + rng.uniform(-1.0, 1.0, 3) * (0.3, 0.3, 0.05)
+    start = random_start(sequence, rng)
     laps = 1
     while True:
         motion = Motion(start, [Wait(FIRST_REST_S), *sequence.legs(laps), Wait(0.5)], sequence.limits)

@@ -9,8 +9,8 @@ from typing import NamedTuple, Sequence
 
 import numpy as np
 
-from ceiling_dso_ros.simulation.lighting_kernels import add_light
-from ceiling_dso_ros.simulation.raster_kernels import Mesh, rasterise
+from ceiling_dso_ros.simulation.rendering.lighting_kernels import add_light
+from ceiling_dso_ros.simulation.rendering.raster_kernels import Mesh, rasterise
 
 PATCH_M = 1.5
 MAP_SIZE = 384

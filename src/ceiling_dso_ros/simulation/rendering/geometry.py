@@ -9,7 +9,7 @@ from typing import List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ceiling_dso_ros.simulation.materials import Material
+from ceiling_dso_ros.simulation.rendering.materials import Material
 
 Point = Union[Sequence[float], np.ndarray]
 

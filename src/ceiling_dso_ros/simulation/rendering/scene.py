@@ -13,10 +13,11 @@ from typing import List, NamedTuple, Sequence, Tuple
 import cv2
 import numpy as np
 
-from ceiling_dso_ros.simulation.geometry import Sheet, Surface
-from ceiling_dso_ros.simulation.lighting import Source, floor_sources, irradiance
-from ceiling_dso_ros.simulation.raster_kernels import Mesh
-from ceiling_dso_ros.simulation.shading_kernels import Textures
+from ceiling_dso_ros.simulation.obstacles import Obstacles
+from ceiling_dso_ros.simulation.rendering.geometry import Sheet, Surface
+from ceiling_dso_ros.simulation.rendering.lighting import Source, floor_sources, irradiance
+from ceiling_dso_ros.simulation.rendering.raster_kernels import Mesh
+from ceiling_dso_ros.simulation.rendering.shading_kernels import Textures
 
 CAMERA_HEIGHT_M = 0.62
 TEXELS_PER_PIXEL = 1.6
@@ -34,13 +35,13 @@ class Hall:
         surfaces: everything that can be seen.
         lamps: positions and powers of the lamps that light their surroundings.
         size_m: length (x) and width (y) of the floor.
-        floor_plan: (n, 2, 2) line segments in x, y that a laser scanner sees.
+        obstacles: what stands and moves on the floor.
     """
 
     surfaces: Sequence[Surface]
     lamps: Sequence[Source]
     size_m: Tuple[float, float]
-    floor_plan: np.ndarray
+    obstacles: Obstacles
 
 
 class Scene(NamedTuple):

@@ -2,10 +2,10 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation.geometry import box, quad
-from ceiling_dso_ros.simulation.lighting import AMBIENT, Source, floor_sources, irradiance
-from ceiling_dso_ros.simulation.materials import STEEL
-from ceiling_dso_ros.simulation.scene import build_mesh
+from ceiling_dso_ros.simulation.rendering.geometry import box, quad
+from ceiling_dso_ros.simulation.rendering.lighting import AMBIENT, Source, floor_sources, irradiance
+from ceiling_dso_ros.simulation.rendering.materials import STEEL
+from ceiling_dso_ros.simulation.rendering.scene import build_mesh
 
 CEILING = [quad((-20, 20, 4), (40, 0, 0), (0, -40, 0), STEEL)]
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
-from ceiling_dso_ros.simulation.sequences import SEQUENCES, plan
+from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES, plan
 
 ROBOT_RADIUS_M = 0.5
 
@@ -11,14 +11,12 @@ ROBOT_RADIUS_M = 0.5
 @pytest.mark.parametrize("ceiling", CEILINGS)
 @pytest.mark.parametrize("name", SEQUENCES)
 def test_the_robot_hits_nothing(name, ceiling):
-    segments = CEILINGS[ceiling](np.random.default_rng(0)).floor_plan
+    obstacles = CEILINGS[ceiling](np.random.default_rng(0)).obstacles
     for seed in range(5):
         motion = plan(SEQUENCES[name], 0.0, np.random.default_rng(seed))
-        points = motion.poses(np.arange(0.0, motion.duration_s, 0.1))[:, None, :2]
-        start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
-        share = np.clip(((points - start) * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
-        distance = np.linalg.norm(start + share[..., None] * along - points, axis=-1)
-        assert distance.min() > ROBOT_RADIUS_M
+        times = np.arange(0.0, motion.duration_s, 0.1)
+        points = motion.poses(times)[:, :2]
+        assert min(map(obstacles.clearance_m, points, times)) > ROBOT_RADIUS_M
 
 
 @pytest.mark.parametrize("name", SEQUENCES)

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation import materials
-from ceiling_dso_ros.simulation.materials import Material
+from ceiling_dso_ros.simulation.rendering import materials
+from ceiling_dso_ros.simulation.rendering.materials import Material
 
 MATERIALS = {name: value for name, value in vars(materials).items() if isinstance(value, Material)}
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.simulation.motion import (
+from ceiling_dso_ros.simulation.driving.motion import (
     DriveLimits,
     Motion,
     Turn,

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.simulation.geometry import box, polygon, quad
-from ceiling_dso_ros.simulation.materials import STEEL
-from ceiling_dso_ros.simulation.raster_kernels import NOTHING, rasterise, visible_polygons
-from ceiling_dso_ros.simulation.scene import build_mesh
+from ceiling_dso_ros.simulation.rendering.geometry import box, polygon, quad
+from ceiling_dso_ros.simulation.rendering.materials import STEEL
+from ceiling_dso_ros.simulation.rendering.raster_kernels import NOTHING, rasterise, visible_polygons
+from ceiling_dso_ros.simulation.rendering.scene import build_mesh
 
 WIDTH, HEIGHT = 80, 60
 INTRINSICS = (45.0, 47.0, 38.3, 31.1)

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation.canvas import Canvas, _cubic_weights
+from ceiling_dso_ros.simulation.rendering.canvas import Canvas, _cubic_weights
 
 
 def canvas(size_m=(2.0, 1.0), texel_m=0.005, base=0.5):

@@ -9,7 +9,7 @@ from typing import NamedTuple, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_noalias
-from ceiling_dso_ros.simulation.raster_kernels import (
+from ceiling_dso_ros.simulation.rendering.raster_kernels import (
     NOTHING,
     Intrinsics,
     Mesh,

@@ -2,10 +2,10 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.simulation.geometry import quad
-from ceiling_dso_ros.simulation.materials import STEEL
-from ceiling_dso_ros.simulation.scene import build_mesh
-from ceiling_dso_ros.simulation.shading_kernels import Textures, expose
+from ceiling_dso_ros.simulation.rendering.geometry import quad
+from ceiling_dso_ros.simulation.rendering.materials import STEEL
+from ceiling_dso_ros.simulation.rendering.scene import build_mesh
+from ceiling_dso_ros.simulation.rendering.shading_kernels import Textures, expose
 
 WIDTH, HEIGHT = 80, 60
 INTRINSICS = (45.0, 47.0, 38.3, 31.1)

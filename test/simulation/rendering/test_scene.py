@@ -4,11 +4,12 @@ import pytest
 
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
-from ceiling_dso_ros.simulation.geometry import quad, tube
-from ceiling_dso_ros.simulation.materials import Material
-from ceiling_dso_ros.simulation.rendering import SAMPLE_TIMES, Renderer
+from ceiling_dso_ros.simulation.obstacles import Obstacles
+from ceiling_dso_ros.simulation.rendering.geometry import quad, tube
+from ceiling_dso_ros.simulation.rendering.materials import Material
+from ceiling_dso_ros.simulation.rendering.renderer import SAMPLE_TIMES, Renderer
+from ceiling_dso_ros.simulation.rendering.scene import TEXEL_LEVELS, Hall, build_scene
 from ceiling_dso_ros.simulation.robot import upward_camera
-from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Hall, build_scene
 
 SMALL = CameraModel(width=212, height=120)
 
@@ -82,7 +83,7 @@ def test_the_same_seed_paints_the_same(ceiling):
 def test_luminous_surfaces_are_not_lit_and_others_are():
     lamp, board = Material(0.7, luminous=True), Material(0.5)
     surfaces = [quad((-5, 5, 4), (5, 0, 0), (0, -10, 0), lamp), quad((0, 5, 4), (5, 0, 0), (0, -10, 0), board)]
-    hall = Hall(surfaces, [], (10.0, 10.0), np.zeros((0, 2, 2)))
+    hall = Hall(surfaces, [], (10.0, 10.0), Obstacles(np.zeros((0, 2, 2))))
     scene = build_scene(hall, 100.0, 0)
     first, second = (
         scene.textures.texels[start : start + rows * columns] / TEXEL_LEVELS
@@ -101,7 +102,7 @@ def test_facets_of_a_tube_share_their_sheet_without_seams():
 
     sides = tube((-2, 0, 3), (2, 0, 3), 0.4, Material(0.5, paint, luminous=True), sides=12)
     lower = [side for side in sides if side.normal[2] < -0.3]
-    scene = build_scene(Hall(lower, [], (10.0, 10.0), np.zeros((0, 2, 2))), 200.0, 0)
+    scene = build_scene(Hall(lower, [], (10.0, 10.0), Obstacles(np.zeros((0, 2, 2)))), 200.0, 0)
     textures = scene.textures
     texel_m = 1 / np.linalg.norm(textures.axes[0, 1])
     parts = [

@@ -5,9 +5,9 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
-from ceiling_dso_ros.simulation.raster_kernels import rasterise, visible_polygons
-from ceiling_dso_ros.simulation.scene import TEXEL_LEVELS, Scene
-from ceiling_dso_ros.simulation.shading_kernels import expose
+from ceiling_dso_ros.simulation.rendering.raster_kernels import rasterise, visible_polygons
+from ceiling_dso_ros.simulation.rendering.scene import TEXEL_LEVELS, Scene
+from ceiling_dso_ros.simulation.rendering.shading_kernels import expose
 
 # Edges are sampled at 16 points: x and y within the pixel and time within the exposure. Each column contains every 16th
 # once, and the columns are uncorrelated with mean zero (an orthogonal Latin hypercube). So edges are smooth, and moving

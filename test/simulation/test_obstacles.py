@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.simulation.obstacles import Obstacles, person, vehicle
+from ceiling_dso_ros.simulation.rendering.structures import room_plan
+
+
+def test_the_clearance_is_that_to_the_nearest_wall_or_mover():
+    obstacles = Obstacles(room_plan(20.0, 10.0, [[4.0, 0.0, 1.0, 1.0]]), (vehicle((-5.0, 0.0), (-5.0, 4.0), 1.0),))
+    assert obstacles.clearance_m(np.array([0.0, 4.0]), 0.0) == pytest.approx(1.0)
+    assert obstacles.clearance_m(np.array([1.0, 0.5]), 0.0) == pytest.approx(2.0)
+    assert obstacles.clearance_m(np.array([-4.0, 0.0]), 0.0) == pytest.approx(0.6)
+    assert obstacles.clearance_m(np.array([-4.0, 3.0]), 3.0) == pytest.approx(0.6), "it has moved on"
+    assert obstacles.clearance_m(np.array([-5.0, 3.0]), 3.0) == 0.0
+
+
+def test_people_walk_back_and_forth_on_two_legs():
+    walker = person((1.0, 2.0), (4.0, 2.0), speed_m_s=1.5)
+    times = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    legs = walker.centers(times)
+    assert legs.shape == (5, 2, 2)
+    np.testing.assert_allclose(
+        legs.mean(axis=1), [[1.0, 2.0], [2.5, 2.0], [4.0, 2.0], [2.5, 2.0], [1.0, 2.0]], atol=1e-9
+    )
+    apart = np.abs(np.diff(walker.centers(np.linspace(0.0, 4.0, 200)), axis=1))[:, 0]
+    assert apart[:, 0].max() == pytest.approx(0.6, abs=0.01), "a step"
+    np.testing.assert_allclose(apart[:, 1], 0.22)
