@@ -8,11 +8,9 @@ from ceiling_dso_ros.simulation.rendering.structures import room_plan
 
 def test_the_clearance_is_that_to_the_nearest_wall_or_mover():
     obstacles = Obstacles(room_plan(20.0, 10.0, [[4.0, 0.0, 1.0, 1.0]]), (vehicle((-5.0, 0.0), (-5.0, 4.0), 1.0),))
-    assert obstacles.clearance_m(np.array([0.0, 4.0]), 0.0) == pytest.approx(1.0)
-    assert obstacles.clearance_m(np.array([1.0, 0.5]), 0.0) == pytest.approx(2.0)
-    assert obstacles.clearance_m(np.array([-4.0, 0.0]), 0.0) == pytest.approx(0.6)
-    assert obstacles.clearance_m(np.array([-4.0, 3.0]), 3.0) == pytest.approx(0.6), "it has moved on"
-    assert obstacles.clearance_m(np.array([-5.0, 3.0]), 3.0) == 0.0
+    points = np.array([[0.0, 4.0], [1.0, 0.5], [-4.0, 0.0], [-4.0, 3.0], [-5.0, 3.0]])
+    times = np.array([0.0, 0.0, 0.0, 3.0, 3.0])  # by then the vehicle has moved on, and stands over the last point
+    np.testing.assert_allclose(obstacles.clearance_m(points, times), [1.0, 2.0, 0.6, 0.6, 0.0], atol=1e-9)
 
 
 def test_people_walk_back_and_forth_on_two_legs():

@@ -87,13 +87,13 @@ class Obstacles:
             ranges = np.minimum(ranges, np.where((discriminant > 0) & (near > 0), near, np.inf).min(axis=1))
         return ranges
 
-    def clearance_m(self, xy: np.ndarray, time_s: float) -> float:
-        """Distance from a point (2,) to the nearest obstacle, 0 within a moving one."""
+    def clearance_m(self, points: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        """Distance from points (N, 2) to the nearest obstacle at each time (N,), 0 within a moving one, (N,)."""
         along = self.floor_plan[:, 1] - self.floor_plan[:, 0]
-        toward = xy - self.floor_plan[:, 0]
-        share = np.clip((toward * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-        nearest = float(np.linalg.norm(toward - share[:, None] * along, axis=1).min())
+        toward = points[:, None] - self.floor_plan[:, 0]
+        share = np.clip((toward * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
+        nearest = np.linalg.norm(toward - share[..., None] * along, axis=-1).min(axis=1)
         for mover in self.movers:
-            away = np.linalg.norm(mover.centers(np.array([time_s]))[0] - xy, axis=1).min() - mover.radius_m
-            nearest = min(nearest, max(float(away), 0.0))
+            away = np.linalg.norm(mover.centers(time_s) - points[:, None], axis=-1).min(axis=1) - mover.radius_m
+            nearest = np.minimum(nearest, np.maximum(away, 0.0))
         return nearest

@@ -114,8 +114,9 @@ class CommandedMotion:
 
     def _is_blocked(self, now: np.ndarray, after: np.ndarray) -> bool:
         """Whether the step leads into an obstacle, or further into it."""
-        before_m, after_m = (self._obstacles.clearance_m(each[[X, Y]], self.now_s) for each in (now, after))
-        return after_m < ROBOT_RADIUS_M and after_m < before_m
+        points = np.stack([now[[X, Y]], after[[X, Y]]])
+        before_m, after_m = self._obstacles.clearance_m(points, np.full(2, self.now_s))
+        return bool(after_m < ROBOT_RADIUS_M and after_m < before_m)
 
     def poses(self, time_s: np.ndarray) -> np.ndarray:
         """x, y, yaw (not wrapped): (N, 3) of (N,) times, cubic between the steps."""
