@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from ceiling_dso_ros.fusion import planar
+
 STEP_M = 0.01
 LOOKAHEAD_M = 0.4
 SPEED_M_S = 0.6
@@ -33,12 +35,16 @@ def distance_m(points, xy):
 class PathFollower:
     """Steers along a path.
 
+    Args:
+        points: (N, 2) of the path.
+        start: x, y, yaw of its origin.
+
     Attributes:
         driven_m: how far along the path the robot is.
     """
 
-    def __init__(self, points):
-        self.points = points
+    def __init__(self, points, start):
+        self.points, self.start = points, start
         self.driven_m = 0.0
 
     @property
@@ -46,8 +52,13 @@ class PathFollower:
         """What is left of the path."""
         return STEP_M * (len(self.points) - 1) - self.driven_m
 
-    def command(self, x, y, yaw):
-        """Speed and yaw rate for a pose; zeros at the end of the path."""
+    def has_passed(self, place_m):
+        """Whether the robot is further along the path."""
+        return self.driven_m > place_m
+
+    def command(self, pose):
+        """Speed and yaw rate at a pose x, y, yaw; zeros at the end of the path."""
+        x, y, yaw = planar.between(self.start, pose)
         here = round(self.driven_m / STEP_M)
         ahead = self.points[here : here + 100]
         self.driven_m = STEP_M * (here + int(np.linalg.norm(ahead - (x, y), axis=1).argmin()))

@@ -84,7 +84,7 @@ def test_dead_reckoning_with_the_true_robot_finds_its_way(without_images):
     true = simulation.robot.true
     model = RobotModel(true.T_base_camera, true.wheel_base_m, true.wheel_radius_m, true.ticks_per_turn)
     odometry, start = WheelOdometry(model, WheelConfig()), simulation.motion.poses(np.zeros(1))[0]
-    for reading in of(WheelReading, driven(simulation, 4.0, 0.8, 0.0) + driven(simulation, 4.0, 0.4, -0.5)):
+    for reading in of(WheelReading, driven(simulation, 2.0, 0.8) + driven(simulation, 3.0, 0.4, -0.5)):
         odometry.add_ticks(reading.stamp_ns, *(int(counter) for counter in reading.counters))
     x, y, yaw = odometry.total.pose
     c, s = np.cos(start[2]), np.sin(start[2])
@@ -129,7 +129,7 @@ def test_what_cannot_happen_is_told_in_one_line(text, without_images):
 
 
 def test_an_event_without_a_time_needs_a_drive_with_an_end():
-    with pytest.raises(EventError, match="slip@START"):
+    with pytest.raises(EventError, match="@START"):
         loop(events=("slip",))
     assert len(loop(events=("slip",), duration_s=20.0).events) == 3
     with pytest.raises(ConfigError):

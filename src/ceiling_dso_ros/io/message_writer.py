@@ -17,6 +17,7 @@ from ceiling_dso_ros.io.ros_messages import (
     transform_stamped,
     vector,
 )
+from ceiling_dso_ros.io.stamps import parts_of_stamp
 
 ENCODING_OF_DTYPE = {"uint8": "mono8", "uint16": "mono16", "float32": "32FC1"}
 
@@ -197,6 +198,32 @@ class MessageWriter(ABC):
             intensities=np.zeros(0, np.float32),
         )
         self.write(topic, stamp_ns, content)
+
+    def occupancy_grid(
+        self, topic: str, stamp_ns: int, frame_id: str, occupied: np.ndarray, corner: Tuple[float, float], cell_m: float
+    ) -> None:
+        """Write a latched nav_msgs/OccupancyGrid.
+
+        occupied is (rows, columns) bool, corner the x, y of occupied[0, 0]'s outer corner, cell_m the size of a cell.
+        """
+        T_frame_corner = np.eye(4)
+        T_frame_corner[:2, 3] = corner
+        seconds, nanoseconds = parts_of_stamp(stamp_ns)
+        info = message(
+            "nav_msgs/MapMetaData",
+            map_load_time=message("builtin_interfaces/Time", sec=seconds, nanosec=nanoseconds),
+            resolution=cell_m,
+            width=occupied.shape[1],
+            height=occupied.shape[0],
+            origin=pose(T_frame_corner),
+        )
+        content = message(
+            "nav_msgs/OccupancyGrid",
+            header=self._header(topic, stamp_ns, frame_id),
+            info=info,
+            data=np.where(occupied, 100, 0).astype(np.int8).reshape(-1),
+        )
+        self.write(topic, stamp_ns, content, latched=True)
 
     def imu(
         self,

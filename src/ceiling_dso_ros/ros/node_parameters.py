@@ -150,6 +150,7 @@ class SimulationParameters:
     duration: float = 0.0  # seconds, 0.5 to 7200; 0 for one lap, or without an end where it is commanded
     rate: float = 1.0  # simulated seconds per real second; less if rendering takes longer; 0 for as many as possible
     wait_for: str = ""  # topics, comma-separated, on which nodes answer images: the next one waits for the answers
+    map_to_odom: bool = True  # publish this transform, true at the start; false where a localisation publishes it
     camera_size: str = "848x480"  # WIDTHxHEIGHT, multiples of 4
     camera_rate: float = 30.0  # images per second, 1 to 120
     events: str = ""  # events, comma-separated, in the format of `simulate --event`

@@ -22,7 +22,7 @@ from ceiling_dso_ros.simulation.closed_loop import ClosedLoop
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.commanded import STEP_S
 from ceiling_dso_ros.simulation.events import EventError
-from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame, Measurement, WheelReading, stamp_ns
+from ceiling_dso_ros.simulation.sensors.measurements import START_NS, CameraFrame, Measurement, WheelReading, stamp_ns
 from ceiling_dso_ros.simulation.simulation import Simulation
 
 WARNING_PERIOD_S = 5.0
@@ -37,6 +37,7 @@ class SimulationServer:
         camera/up/image_raw, camera/up/camera_info, camera/up/exposure, joint_states, wheel/left/ticks,
         wheel/right/ticks, odom, scan, ground_truth, /tf_static: as in a bag of `simulate`.
         /tf: map -> ground_truth/base_link, the true pose.
+        map (nav_msgs/OccupancyGrid): what stands in the hall, latched.
 
     Subscribes, with ~drive cmd_vel:
         cmd_vel (geometry_msgs/Twist): how the robot drives; it stops half a second after the last one.
@@ -67,7 +68,8 @@ class SimulationServer:
         _ = self._simulation.scene  # built before time begins
         self._clock = SimulatedClock(self._parameters.rate)
         self._topics = TopicWriter()
-        self._messages = MeasurementMessages(self._topics, self._simulation)
+        self._messages = MeasurementMessages(self._topics, self._simulation, self._parameters.map_to_odom)
+        self._topics.occupancy_grid("/map", START_NS, "map", *self._simulation.hall.obstacles.floor_map())
         self._answers = [Answers(topic) for topic in _split(self._parameters.wait_for)]
         try:
             if isinstance(self._simulation, ClosedLoop):

@@ -76,9 +76,10 @@ class MeasurementMessages:
     Args:
         bag: to write to.
         world: what is measured.
+        with_map: map -> odom is among the static transforms.
     """
 
-    def __init__(self, bag: MessageWriter, world: World) -> None:
+    def __init__(self, bag: MessageWriter, world: World, with_map: bool = True) -> None:
         nominal = world.nominal
         model = RobotModel(nominal.T_base_camera, nominal.wheel_base_m, nominal.wheel_radius_m, nominal.ticks_per_turn)
         self._bag = bag
@@ -87,9 +88,9 @@ class MeasurementMessages:
         mounts = world.robot.static_transforms()
         fitted = {*world.cameras, "laser", *(("imu",) if world.config.imu else ())}
         transforms = [("base_link", child, T) for child, T in mounts.items() if child in fitted]
-        # odom starts at the robot's first pose, so rviz can show a run and the truth in one fixed frame
-        T_map_odom = planar.lift(world.robot.motion.poses(np.zeros(1))[0])
-        bag.tf_static(START_NS, [("map", "odom", T_map_odom), *transforms])
+        if with_map:  # odom starts at the robot's first pose, so rviz can show a run and the truth in one fixed frame
+            transforms = [("map", "odom", planar.lift(world.robot.motion.poses(np.zeros(1))[0])), *transforms]
+        bag.tf_static(START_NS, transforms)
 
     @singledispatchmethod
     def write(self, measurement: Measurement) -> None:

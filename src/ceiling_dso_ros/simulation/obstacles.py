@@ -2,7 +2,7 @@
 """What stands and moves on the floor of a hall: a laser scanner sees it, and the robot cannot drive through it."""
 
 from dataclasses import dataclass
-from typing import Sequence, Tuple
+from typing import NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -51,6 +51,14 @@ def vehicle(start: Tuple[float, float], end: Tuple[float, float], speed_m_s: flo
     return Mover(start, end, speed_m_s, radius_m=0.4)
 
 
+class FloorMap(NamedTuple):
+    """A map of what stands: (rows, columns) bool with row 0 at the smallest y, its corner x, y, and the cells' size."""
+
+    occupied: np.ndarray
+    corner: Tuple[float, float]
+    cell_m: float
+
+
 @dataclass(frozen=True)
 class Obstacles:
     """Everything on the floor.
@@ -86,6 +94,18 @@ class Obstacles:
             near = ahead - np.sqrt(np.maximum(discriminant, 0.0))
             ranges = np.minimum(ranges, np.where((discriminant > 0) & (near > 0), near, np.inf).min(axis=1))
         return ranges
+
+    def floor_map(self, cell_m: float = 0.05) -> FloorMap:
+        """The outlines of what stands."""
+        corner, far = (edge(self.floor_plan.reshape(-1, 2), axis=0) for edge in (np.min, np.max))
+        corner = corner - cell_m
+        columns, rows = np.ceil((far - corner) / cell_m).astype(int) + 1
+        occupied = np.zeros((rows, columns), dtype=bool)
+        for start, end in self.floor_plan:
+            count = int(np.hypot(*(end - start)) / cell_m * 2) + 2
+            x, y = ((start + np.linspace(0.0, 1.0, count)[:, None] * (end - start) - corner) / cell_m).astype(int).T
+            occupied[y, x] = True
+        return FloorMap(occupied, (float(corner[0]), float(corner[1])), cell_m)
 
     def clearance_m(self, points: np.ndarray, time_s: np.ndarray) -> np.ndarray:
         """Distance from points (N, 2) to the nearest obstacle at each time (N,), 0 within a moving one, (N,)."""
