@@ -10,8 +10,11 @@ import pytest
 pytest.importorskip("ceiling_dso_ros.cfg", reason="needs ROS and the built workspace")
 
 import rospy
+from nav_msgs.msg import Path
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
+from ceiling_dso_ros.msg import VisualOdometryStatus
 from ceiling_dso_ros.ros import answers, topic_writer
 from ceiling_dso_ros.ros.answers import TRUSTED_AFTER, Answers
 from ceiling_dso_ros.ros.topic_writer import SimulatedClock
@@ -35,16 +38,19 @@ class Node:
     def get_num_connections(self):
         return self.connections
 
-    def answer(self, number):
+    def answer(self, number, kind=VisualOdometryStatus):
         buffer = BytesIO()
         Header(seq=7, stamp=rospy.Time(0, EPOCH_NS + number), frame_id="vo").serialize(buffer)
-        self.callback(rospy.AnyMsg().deserialize(buffer.getvalue()))
+        message = rospy.AnyMsg().deserialize(buffer.getvalue())
+        message._connection_header = {"message_definition": kind._full_text}
+        self.callback(message)
 
 
 @pytest.fixture
 def node(monkeypatch):
     node = Node()
     monkeypatch.setattr(rospy, "Subscriber", node.subscribe)
+    monkeypatch.setattr(rospy, "logwarn_once", node.warnings.append)
     monkeypatch.setattr(rospy, "logwarn", node.warnings.append)
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
     monkeypatch.setattr(answers, "ANSWER_LIMIT_S", 0.1)
@@ -121,6 +127,15 @@ def test_a_node_that_has_ended_is_not_waited_for_and_its_successor_begins_anew(n
     publish(waiting, 4)
     publish(waiting, 5)
     assert node.warnings == []
+
+
+def test_messages_without_a_header_are_no_answers(node):
+    waiting = Answers("status")
+    node.answer(1, Path)
+    assert node.warnings == []
+    node.answer(1, TFMessage)
+    assert len(node.warnings) == 1 and "header" in node.warnings[0]
+    publish(waiting, 1)
 
 
 class Time:

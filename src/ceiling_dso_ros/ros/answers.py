@@ -9,7 +9,7 @@ import rospy
 
 ANSWER_LIMIT_S = 10.0  # real seconds; an image takes a tenth of a second on the slowest machine
 TRUSTED_AFTER = 10  # answers in time, after one that was missing
-HEADER = struct.Struct("<III")  # std_msgs/Header begins with seq and the stamp's seconds and nanoseconds
+STAMP = struct.Struct("<III")  # std_msgs/Header begins with seq and the stamp's seconds and nanoseconds
 
 
 class Answers:
@@ -65,7 +65,17 @@ class Answers:
         return is_expected and self._newest_ns < self._asked_ns
 
     def _on_answer(self, message: rospy.AnyMsg) -> None:
-        _, secs, nsecs = HEADER.unpack_from(message._buff)
+        if not _begins_with_header(message._connection_header["message_definition"]):
+            rospy.logwarn_once(f"{self._subscriber.resolved_name} is not waited for: its messages have no header")
+            return
+        _, secs, nsecs = STAMP.unpack_from(message._buff)
         with self._condition:
             self._newest_ns = secs * 1_000_000_000 + nsecs
             self._condition.notify_all()
+
+
+def _begins_with_header(definition: str) -> bool:
+    """Whether the first field of a message is a header; constants are no fields."""
+    lines = (line.split("#")[0].strip() for line in definition.splitlines())
+    first = next((line for line in lines if line and "=" not in line), "")
+    return first.split(" ")[0] in ("Header", "std_msgs/Header")
