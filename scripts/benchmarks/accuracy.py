@@ -30,7 +30,7 @@ from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
-from ceiling_dso_ros.simulation.simulation import stamp_ns
+from ceiling_dso_ros.simulation.sensors.measurements import stamp_ns
 
 # Of the C++ reference: final and live error in metres with nearest stamps, index of the first image with a pose.
 REFERENCES = {"ceiling_loops": (0.0020, 0.0022, 46), "tum_fr1_xyz": (0.0193, 0.0214, 6)}

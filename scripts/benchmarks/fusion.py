@@ -36,7 +36,8 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import Event
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.robot import WheelErrors
-from ceiling_dso_ros.simulation.simulation import START_NS, Simulation, stamp_ns
+from ceiling_dso_ros.simulation.sensors.measurements import START_NS, stamp_ns
+from ceiling_dso_ros.simulation.simulation import Simulation
 
 WHEELS = WheelErrors(radius=0.0, ratio=0.01, wheel_base=0.01, travel_noise_m=0.002)
 REPORT_MARGIN_S = 0.5  # a report within this time of a slip belongs to that slip

@@ -15,7 +15,7 @@ from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
-from ceiling_dso_ros.simulation.simulation import stamp_ns
+from ceiling_dso_ros.simulation.sensors.measurements import stamp_ns
 
 SMALL = CameraModel(width=424, height=240)
 

@@ -117,6 +117,6 @@ def test_frames_are_those_of_the_fusion():
 
 
 def test_the_ekf_is_faster_than_the_wheels_of_the_simulated_robot():
-    from ceiling_dso_ros.simulation.simulation import WHEEL_HZ
+    from ceiling_dso_ros.simulation.sensors.encoders import WHEEL_HZ
 
     assert yaml.safe_load((EXAMPLES / "robot_localization.yaml").read_text())["frequency"] > WHEEL_HZ

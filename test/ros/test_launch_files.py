@@ -194,6 +194,14 @@ def test_move_base_follows_the_output_to_its_topic(planner, arguments, topic):
     assert [new for old, new in fusion.remap_args if old.lstrip("/") == "odometry/filtered"] == [topic]
 
 
+def test_move_base_drives_the_simulated_robot():
+    config = load("../cfg/examples/move_base_simulated", "camera_size:=424x240")
+    simulated = nested(config, "simulation_node")
+    assert (simulated["drive"], simulated["camera_size"]) == ("cmd_vel", "424x240")
+    assert nested(config, "move_base")["DWAPlannerROS"]["odom_topic"] == "odometry/filtered"
+    assert {"simulation_node", "dso_node", "fusion_node", "move_base"} <= {node.name for node in config.nodes}
+
+
 def test_playback_records_what_the_nodes_are_told_to_publish():
     config = load("playback", "record:=/x.bag", "odometry:=ceiling/odometry", "wheel_odometry:=/robot/odom")
     recorder = next(node for node in config.nodes if node.name == "recorder")

@@ -68,6 +68,14 @@ def test_only_what_is_fitted_is_in_the_bag(tmp_path):
     assert children == {"odom", "camera_up_optical_frame", "laser"}
 
 
+def test_a_sweep_takes_three_quarters_of_a_turn(bag):
+    _, _, messages = bag
+    _, scan = messages["/scan"][5]
+    assert (scan.scan_time, len(scan.ranges)) == (pytest.approx(0.1), 541)
+    assert 540 * scan.time_increment == pytest.approx(0.075)
+    assert scan.angle_min + 540 * scan.angle_increment == pytest.approx(scan.angle_max)
+
+
 def test_stamps_are_those_of_the_records_and_grow(bag):
     _, _, messages = bag
     for topic, content in messages.items():

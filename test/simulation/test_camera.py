@@ -82,7 +82,7 @@ def test_impossible_cameras_are_refused(settings):
 
 
 def test_exposure_drifts_by_its_share_around_the_reference():
-    control = ExposureControl(CameraModel(exposure_drift=0.1), [], 600.0, np.random.default_rng(0))
+    control = ExposureControl(CameraModel(exposure_drift=0.1), [], np.random.default_rng(0))
     exposures = np.log([control.exposure_ms(t) / REFERENCE_EXPOSURE_MS for t in np.arange(0.0, 600.0, 0.5)])
     assert exposures.std() == pytest.approx(0.1, rel=0.2)
     assert np.abs(np.diff(exposures)).max() < 0.1
@@ -90,7 +90,7 @@ def test_exposure_drifts_by_its_share_around_the_reference():
 
 def test_exposure_follows_the_light_with_a_lag():
     events = parse_events(["lights_off@10"], 30.0)
-    control = ExposureControl(CameraModel(exposure_drift=0.0), events, 30.0, np.random.default_rng(0))
+    control = ExposureControl(CameraModel(exposure_drift=0.0), events, np.random.default_rng(0))
     before, soon, late = (control.exposure_ms(t) for t in (9.9, 10.3, 20.0))
     assert before == pytest.approx(REFERENCE_EXPOSURE_MS)
     assert before < soon < 0.8 * late

@@ -13,6 +13,8 @@ from ceiling_dso_ros.simulation.events import (
     light_level,
     of_kind,
     parse_events,
+    parse_live_event,
+    slip_share,
 )
 
 
@@ -36,6 +38,27 @@ def test_what_is_no_event_is_told_in_one_line(text):
     with pytest.raises(EventError) as info:
         parse_events([text], 60.0)
     assert text in str(info.value) and "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("text", ["slip", "slip+0.5", "slip@7.25", " slip@7.25+0.5"])
+def test_an_event_may_come_while_the_robot_drives(text):
+    assert parse_live_event(text, 7.25, []) == Event("slip", 7.25, 0.5)
+
+
+@pytest.mark.parametrize("text", ["slip@7.2", "lights_on", "slip@", "+1", "", "fire"])
+def test_what_cannot_happen_any_more_is_told_in_one_line(text):
+    with pytest.raises(EventError) as info:
+        parse_live_event(text, 7.25, [])
+    assert text in str(info.value) and "\n" not in str(info.value)
+
+
+def test_lamps_that_are_off_can_go_on():
+    assert parse_live_event("lights_on", 7.25, [Event("lights_off", 3.0, 0.3)]) == Event("lights_on", 7.25, 0.3)
+
+
+def test_half_of_a_slipping_wheels_rotation_is_lost():
+    share = slip_share([Event("slip", 1.0, 0.5), Event("bump", 2.0, 0.5)], np.array([0.9, 1.0, 1.4, 1.5, 2.1]))
+    np.testing.assert_array_equal(share, [0.0, 0.5, 0.5, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.simulation.driving.motion import DriveLimits, Motion, Wait, straight
 from ceiling_dso_ros.simulation.events import Event
-from ceiling_dso_ros.simulation.motion import DriveLimits, Motion, Wait, straight
 from ceiling_dso_ros.simulation.robot import NOMINAL, Robot, Vibration, WheelErrors
 
 

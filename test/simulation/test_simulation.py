@@ -10,14 +10,8 @@ from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import EventError
-from ceiling_dso_ros.simulation.simulation import (
-    CameraFrame,
-    ImuReading,
-    ScanReading,
-    Simulation,
-    WheelReading,
-    simulate,
-)
+from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame, ImuReading, ScanReading, WheelReading
+from ceiling_dso_ros.simulation.simulation import Simulation, simulate
 
 SMALL = CameraModel(width=212, height=120)
 TINY = CameraModel(width=104, height=64)

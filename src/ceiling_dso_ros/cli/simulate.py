@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from ceiling_dso_ros.simulation.config import SimulationConfig
-    from ceiling_dso_ros.simulation.simulation import Measurement
+    from ceiling_dso_ros.simulation.sensors.measurements import Measurement
 
-EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker; each as NAME, NAME@START or
-NAME@START+DURATION in seconds. Files beside FILE.bag: FILE.groundtruth.tum (camera), FILE.groundtruth_base.tum,
+EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker; each as
+NAME[@START][+DURATION] in seconds. Files beside FILE.bag: FILE.groundtruth.tum (camera), FILE.groundtruth_base.tum,
 FILE.truth.yaml (all true values) and FILE.robot.yaml (the nominal robot, for `run --robot`)."""
 
 

@@ -17,6 +17,7 @@ from ceiling_dso_ros.io.ros_messages import (
     transform_stamped,
     vector,
 )
+from ceiling_dso_ros.io.stamps import parts_of_stamp
 
 ENCODING_OF_DTYPE = {"uint8": "mono8", "uint16": "mono16", "float32": "32FC1"}
 
@@ -174,11 +175,13 @@ class MessageWriter(ABC):
         angle_limits: Tuple[float, float],
         range_limits: Tuple[float, float],
         scan_time: float = 0.0,
+        time_increment: float = 0.0,
     ) -> None:
         """Write sensor_msgs/LaserScan.
 
         The (N,) ranges in metres are spread evenly over angle_limits in radians, both ends included; range_limits are
-        the smallest and the largest valid range; scan_time is in seconds, 0 when unknown.
+        the smallest and the largest valid range; scan_time from scan to scan and time_increment from ray to ray are in
+        seconds, 0 when unknown. The stamp is that of the first ray.
         """
         first, last = angle_limits
         content = message(
@@ -187,7 +190,7 @@ class MessageWriter(ABC):
             angle_min=first,
             angle_max=last,
             angle_increment=(last - first) / (len(ranges) - 1),
-            time_increment=0.0,
+            time_increment=time_increment,
             scan_time=scan_time,
             range_min=range_limits[0],
             range_max=range_limits[1],
@@ -195,6 +198,32 @@ class MessageWriter(ABC):
             intensities=np.zeros(0, np.float32),
         )
         self.write(topic, stamp_ns, content)
+
+    def occupancy_grid(
+        self, topic: str, stamp_ns: int, frame_id: str, occupied: np.ndarray, corner: Tuple[float, float], cell_m: float
+    ) -> None:
+        """Write a latched nav_msgs/OccupancyGrid.
+
+        occupied is (rows, columns) bool, corner the x, y of occupied[0, 0]'s outer corner, cell_m the size of a cell.
+        """
+        T_frame_corner = np.eye(4)
+        T_frame_corner[:2, 3] = corner
+        seconds, nanoseconds = parts_of_stamp(stamp_ns)
+        info = message(
+            "nav_msgs/MapMetaData",
+            map_load_time=message("builtin_interfaces/Time", sec=seconds, nanosec=nanoseconds),
+            resolution=cell_m,
+            width=occupied.shape[1],
+            height=occupied.shape[0],
+            origin=pose(T_frame_corner),
+        )
+        content = message(
+            "nav_msgs/OccupancyGrid",
+            header=self._header(topic, stamp_ns, frame_id),
+            info=info,
+            data=np.where(occupied, 100, 0).astype(np.int8).reshape(-1),
+        )
+        self.write(topic, stamp_ns, content, latched=True)
 
     def imu(
         self,
@@ -216,6 +245,11 @@ class MessageWriter(ABC):
             linear_acceleration_covariance=np.zeros(9),
         )
         self.write(topic, stamp_ns, content)
+
+    def tf(self, stamp_ns: int, parent: str, child: str, T_parent_child: np.ndarray) -> None:
+        """Write tf2_msgs/TFMessage with one transform on /tf."""
+        stamped = [transform_stamped(stamp_ns, parent, child, T_parent_child)]
+        self.write("/tf", stamp_ns, message("tf2_msgs/TFMessage", transforms=stamped))
 
     def tf_static(self, stamp_ns: int, transforms: Iterable[Tuple[str, str, np.ndarray]]) -> None:
         """Write a latched tf2_msgs/TFMessage on /tf_static: (parent, child, T_parent_child (4, 4)) each."""

@@ -147,15 +147,22 @@ class FusionParameters:
 class SimulationParameters:
     """Parameters of simulation_node."""
 
+    # sequence: along a planned path; cmd_vel: as it is commanded, from where the sequence starts
+    drive: str = "sequence"
     sequence: str = "loops"  # square, loops, straight, spin or stop_and_go
     ceiling: str = "factory"  # factory, tiles, warehouse or plaster
     seed: int = 0  # seed of all random choices
-    duration: float = 0.0  # seconds, 0.5 to 7200; 0 for one lap
-    rate: float = 1.0  # simulated seconds per real second; less if rendering takes longer
+    duration: float = 0.0  # seconds, 0.5 to 7200; 0 for one lap, or without an end where it is commanded
+    rate: float = 1.0  # simulated seconds per real second; less if rendering takes longer; 0 for as many as possible
+    wait_for: str = ""  # topics, comma-separated, on which nodes answer images: the next one waits for the answers
+    map_to_odom: bool = True  # publish this transform, true at the start; false where a localisation publishes it
+    camera_size: str = "848x480"  # WIDTHxHEIGHT, multiples of 4
+    camera_rate: float = 30.0  # images per second, 1 to 120
     events: str = ""  # events, comma-separated, in the format of `simulate --event`
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         _require_range(self, "seed", 0, 2**31 - 1)  # largest integer of the parameter server
         _require_range(self, "duration", 0.0, 7200.0)
-        _require_range(self, "rate", 0.01, 100.0)
+        _require_choice(self, "drive", ("sequence", "cmd_vel"))
+        require(self.rate == 0.0 or 0.01 <= self.rate <= 100.0, f"rate={self.rate}: 0.01 to 100, or 0")

@@ -1,25 +1,32 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The server of simulation_node: a simulated robot that publishes live sensor data."""
 
-import time
-from typing import Dict
+import math
+from queue import Empty, SimpleQueue
+from typing import Callable, List, Union
 
 import rospy
-from rosgraph_msgs.msg import Clock
-from roslib.message import get_message_class
+from geometry_msgs.msg import Twist
+from std_msgs.msg import String
 
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.message_writer import MessageWriter
-from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
+from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.ros import parameters
+from ceiling_dso_ros.ros.answers import Answers
 from ceiling_dso_ros.ros.node_parameters import SimulationParameters
-from ceiling_dso_ros.simulation.bag import write_measurements
+from ceiling_dso_ros.ros.topic_writer import SimulatedClock, TopicWriter
+from ceiling_dso_ros.simulation.bag import MeasurementMessages
+from ceiling_dso_ros.simulation.camera import CameraModel
+from ceiling_dso_ros.simulation.closed_loop import ClosedLoop
 from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.driving.commanded import STEP_S
 from ceiling_dso_ros.simulation.events import EventError
-from ceiling_dso_ros.simulation.recording import SimulatedRecording
+from ceiling_dso_ros.simulation.sensors.measurements import START_NS, CameraFrame, Measurement, WheelReading, stamp_ns
+from ceiling_dso_ros.simulation.simulation import Simulation
 
-QUEUE_SIZE = 50
+WARNING_PERIOD_S = 5.0
+TRUE_BASE_FRAME = "ground_truth/base_link"
 
 
 class SimulationServer:
@@ -29,6 +36,12 @@ class SimulationServer:
         /clock: the time of the simulation; all nodes must run with /use_sim_time.
         camera/up/image_raw, camera/up/camera_info, camera/up/exposure, joint_states, wheel/left/ticks,
         wheel/right/ticks, odom, scan, ground_truth, /tf_static: as in a bag of `simulate`.
+        /tf: map -> ground_truth/base_link, the true pose.
+        map (nav_msgs/OccupancyGrid): what stands in the hall, latched.
+
+    Subscribes, with ~drive cmd_vel:
+        cmd_vel (geometry_msgs/Twist): how the robot drives; it stops half a second after the last one.
+        ~event (std_msgs/String): something that happens, NAME[@START][+DURATION]; now without a start.
 
     Parameters (private, read at start): `SimulationParameters`.
     """
@@ -39,72 +52,101 @@ class SimulationServer:
         Raises:
             InputError: a parameter is wrong.
         """
-        own: SimulationParameters
-        (own,) = parameters.read(SimulationParameters)
-        events = [event.strip() for event in own.events.split(",") if event.strip()]
+        self._parameters: SimulationParameters
+        (self._parameters,) = parameters.read(SimulationParameters)
         try:
-            config = SimulationConfig(
-                sequence=own.sequence,
-                ceiling=own.ceiling,
-                seed=own.seed,
-                duration_s=own.duration,
-                events=tuple(events),
+            config = _config(self._parameters)
+            self._simulation: Union[ClosedLoop, Simulation] = (
+                ClosedLoop(config) if self._parameters.drive == "cmd_vel" else Simulation(config)
             )
-            self._recording = SimulatedRecording(config)
         except (ConfigError, EventError) as error:
             raise InputError(f"{rospy.get_name()}: {error}") from error
-        self._rate = own.rate
+        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()  # what messages do, at the next step
 
     def spin(self) -> None:
-        """Drive until the sequence or the node ends."""
-        _ = self._recording.simulation.scene  # built before time begins
-        topics = TopicWriter(self._rate)
+        """Drive until the drive or the node ends."""
+        _ = self._simulation.scene  # built before time begins
+        self._clock = SimulatedClock(self._parameters.rate)
+        self._topics = TopicWriter()
+        self._messages = MeasurementMessages(self._topics, self._simulation, self._parameters.map_to_odom)
+        self._topics.occupancy_grid("/map", START_NS, "map", *self._simulation.hall.obstacles.floor_map())
+        self._answers = [Answers(topic) for topic in _split(self._parameters.wait_for)]
         try:
-            write_measurements(topics, self._recording, self._recording.simulation.measurements())
+            if isinstance(self._simulation, ClosedLoop):
+                self._drive(self._simulation)
+            else:
+                self._play(self._simulation)
         except rospy.ROSInterruptException:
             return
         rospy.loginfo("the drive is over")
 
+    def _play(self, simulation: Simulation) -> None:
+        """Drive as planned."""
+        for measurement in simulation.measurements():
+            self._clock.advance(measurement.stamp_ns)
+            self._publish(measurement)
 
-class TopicWriter(MessageWriter):
-    """Publishes messages at their stamps, and /clock.
+    def _drive(self, simulation: ClosedLoop) -> None:
+        """Drive as commanded."""
+        rospy.Subscriber("cmd_vel", Twist, self._on_command, callback_args=simulation, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber("~event", String, self._on_event, callback_args=simulation, queue_size=10)
+        while simulation.now_s < simulation.duration_s:
+            self._clock.advance(stamp_ns(simulation.now_s + STEP_S))
+            self._read_inbox()
+            for measurement in simulation.step():
+                self._publish(measurement)
 
-    Args:
-        rate: seconds of stamps per real second.
-    """
+    def _publish(self, measurement: Measurement) -> None:
+        if isinstance(measurement, CameraFrame):
+            for answers in self._answers:
+                answers.wait()
+                answers.ask(measurement.stamp_ns)
+        self._messages.write(measurement)
+        if isinstance(measurement, WheelReading):
+            self._topics.tf(measurement.stamp_ns, "map", TRUE_BASE_FRAME, measurement.T_world_base)
 
-    def __init__(self, rate: float) -> None:
-        super().__init__()
-        self._rate = rate
-        self._clock = rospy.Publisher("/clock", Clock, queue_size=10)
-        self._publishers: Dict[str, rospy.Publisher] = {}
-        self._start_s = time.monotonic()
-        self._start_ns = 0
+    def _read_inbox(self) -> None:
+        while True:
+            try:
+                self._inbox.get_nowait()()
+            except Empty:
+                return
 
-    def write(self, topic: str, stamp_ns: int, content: RosMessage, latched: bool = False) -> None:
-        """See MessageWriter.
-
-        Raises:
-            rospy.ROSInterruptException: the node is shut down.
-        """
-        self._wait(stamp_ns)
-        package, _, name = content.__msgtype__.split("/")
-        kind = get_message_class(f"{package}/{name}")
-        topic = topic if topic.startswith("/tf") else topic.lstrip("/")  # within the namespace of the node
-        if topic not in self._publishers:
-            self._publishers[topic] = rospy.Publisher(topic, kind, queue_size=QUEUE_SIZE, latch=latched)
-        message = kind().deserialize(bytes(TYPES.serialize_ros1(content, content.__msgtype__)))
-        self._publishers[topic].publish(message)
-
-    def _wait(self, stamp_ns: int) -> None:
-        """Wait for the time of a stamp; if it is already over, later stamps are delayed by the same time."""
-        if rospy.is_shutdown():
-            raise rospy.ROSInterruptException
-        self._start_ns = self._start_ns or stamp_ns
-        due_s = self._start_s + 1e-9 * (stamp_ns - self._start_ns) / self._rate
-        ahead_s = due_s - time.monotonic()
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
+    def _on_command(self, message: Twist, simulation: ClosedLoop) -> None:
+        speed_m_s, yaw_rate_rad_s = message.linear.x, message.angular.z
+        if math.isfinite(speed_m_s) and math.isfinite(yaw_rate_rad_s):
+            self._inbox.put(lambda: simulation.command(speed_m_s, yaw_rate_rad_s))
         else:
-            self._start_s -= ahead_s
-        self._clock.publish(Clock(rospy.Time(0, stamp_ns)))
+            rospy.logwarn_throttle(WARNING_PERIOD_S, f"a command is not used: {speed_m_s} m/s, {yaw_rate_rad_s} rad/s")
+
+    def _on_event(self, message: String, simulation: ClosedLoop) -> None:
+        def happen() -> None:
+            try:
+                event = simulation.add_event(message.data)
+            except EventError as error:
+                rospy.logwarn(str(error))
+            else:
+                rospy.loginfo(f"{event.kind} from {event.start_s:.2f} s for {event.duration_s:g} s")
+
+        self._inbox.put(happen)
+
+
+def _config(own: SimulationParameters) -> SimulationConfig:
+    """The settings of the simulation.
+
+    Raises:
+        InputError: the camera's size is none.
+    """
+    width, height = parse_image_size(own.camera_size, "camera_size")
+    return SimulationConfig(
+        sequence=own.sequence,
+        ceiling=own.ceiling,
+        seed=own.seed,
+        duration_s=own.duration,
+        camera=CameraModel(width=width, height=height, fps=own.camera_rate),
+        events=tuple(_split(own.events)),
+    )
+
+
+def _split(text: str) -> List[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

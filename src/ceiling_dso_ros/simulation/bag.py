@@ -16,8 +16,16 @@ from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.robot_file import robot_values
 from ceiling_dso_ros.io.trajectory import write_tum
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
-from ceiling_dso_ros.simulation.sensors import SCAN_ANGLES, SCAN_RANGE_M
-from ceiling_dso_ros.simulation.simulation import SCAN_HZ, START_NS, CameraFrame, ImuReading, ScanReading, WheelReading
+from ceiling_dso_ros.simulation.sensors.laser import SCAN_ANGLES, SCAN_HZ, SCAN_RANGE_M, TIME_INCREMENT_S
+from ceiling_dso_ros.simulation.sensors.measurements import (
+    START_NS,
+    CameraFrame,
+    ImuReading,
+    Measurement,
+    ScanReading,
+    WheelReading,
+)
+from ceiling_dso_ros.simulation.world import World
 
 WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
 CAMERA_NAMESPACES = {
@@ -57,30 +65,40 @@ def write_measurements(bag: MessageWriter, recording: SimulatedRecording, measur
     Raises:
         OutputError: the bag cannot be written.
     """
-    simulation = recording.simulation
-    mounts = simulation.robot.static_transforms()
-    fitted = {*simulation.cameras, "laser", *(("imu",) if simulation.config.imu else ())}
-    transforms = [("base_link", child, T) for child, T in mounts.items() if child in fitted]
-    # odom starts at the robot's first pose, so rviz can show a run and the truth in one fixed frame
-    T_map_odom = planar.lift(simulation.robot.motion.poses(np.zeros(1))[0])
-    bag.tf_static(START_NS, [("map", "odom", T_map_odom), *transforms])
-    messages = _Messages(bag, recording)
+    messages = MeasurementMessages(bag, recording.simulation)
     for measurement in measurements:
         messages.write(measurement)
 
 
-class _Messages:
-    """Writes each kind of measurement to its topics."""
+class MeasurementMessages:
+    """Writes each kind of measurement to its topics, and the static transforms at once.
 
-    def __init__(self, bag: MessageWriter, recording: SimulatedRecording) -> None:
-        nominal = recording.robot
+    Args:
+        bag: to write to.
+        world: what is measured.
+        with_map: map -> odom is among the static transforms.
+    """
+
+    def __init__(self, bag: MessageWriter, world: World, with_map: bool = True) -> None:
+        nominal = world.nominal
         model = RobotModel(nominal.T_base_camera, nominal.wheel_base_m, nominal.wheel_radius_m, nominal.ticks_per_turn)
         self._bag = bag
-        self._lens = recording.calibration.lens
+        self._lens = world.config.camera.lens
         self._odometry = WheelOdometry(model, WheelConfig())
+        mounts = world.robot.static_transforms()
+        fitted = {*world.cameras, "laser", *(("imu",) if world.config.imu else ())}
+        transforms = [("base_link", child, T) for child, T in mounts.items() if child in fitted]
+        if with_map:  # odom starts at the robot's first pose, so rviz can show a run and the truth in one fixed frame
+            transforms = [("map", "odom", planar.lift(world.robot.motion.poses(np.zeros(1))[0])), *transforms]
+        bag.tf_static(START_NS, transforms)
 
     @singledispatchmethod
-    def write(self, measurement: object) -> None:
+    def write(self, measurement: Measurement) -> None:
+        """Write one measurement.
+
+        Raises:
+            OutputError: the bag cannot be written.
+        """
         raise TypeError(type(measurement).__name__)
 
     @write.register
@@ -118,7 +136,7 @@ class _Messages:
     def _(self, reading: ScanReading) -> None:
         limits = (float(SCAN_ANGLES[0]), float(SCAN_ANGLES[-1]))
         self._bag.laser_scan(
-            "/scan", reading.stamp_ns, "laser", reading.ranges_m, limits, SCAN_RANGE_M, scan_time=1.0 / SCAN_HZ
+            "/scan", reading.stamp_ns, "laser", reading.ranges_m, limits, SCAN_RANGE_M, 1.0 / SCAN_HZ, TIME_INCREMENT_S
         )
 
     @write.register

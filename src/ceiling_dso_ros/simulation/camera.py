@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The camera: a D455's infrared imager (global shutter, rectified), from radiance to grey levels."""
 
+from array import array
 from dataclasses import dataclass
 from functools import cached_property
+from threading import Lock
 from typing import Sequence, Tuple
 
 import cv2
@@ -19,6 +21,13 @@ NATIVE_WIDTH, NATIVE_FOCAL_PX = 848, 425.3
 CENTER_OFFSET_PX = (2.4, -1.3)  # principal point from the middle of the native image
 OVERSAMPLING = 1.5  # resolution of an image before distortion, so that interpolation blurs little
 REFERENCE_EXPOSURE_MS = 5.6  # the exposure at which radiance 1 saturates
+
+FRAME_JITTER_S, LARGEST_JITTER_S = 1.5e-4, 1e-3
+
+
+def frame_jitter_s(rng: np.random.Generator, count: int) -> np.ndarray:
+    """How much later than planned images are taken, (count,) seconds."""
+    return np.clip(FRAME_JITTER_S * rng.standard_normal(count), -LARGEST_JITTER_S, LARGEST_JITTER_S)
 
 
 @dataclass(frozen=True)
@@ -149,26 +158,42 @@ CONTROL_STEP_S = 0.02
 class ExposureControl:
     """The camera's automatic exposure: it follows the light with a delay, and drifts slowly.
 
+    Args:
+        model: of the camera.
+        events: those that change the light; further ones may be added, which count from then on.
+        rng: for the drift.
+
     Attributes:
         phases: (4,) phases of the sines that make up the drift, radians.
     """
 
-    def __init__(
-        self, model: CameraModel, events: Sequence[Event], duration_s: float, rng: np.random.Generator
-    ) -> None:
-        self._time_s = np.arange(0.0, duration_s + 1.0, CONTROL_STEP_S)
-        wanted = -np.log(light_level(events, self._time_s))
-        share = CONTROL_STEP_S / EXPOSURE_LAG_S
-        followed = np.empty_like(wanted)
-        state = wanted[0]
-        for i, target in enumerate(wanted):
-            state += share * (target - state)
-            followed[i] = state
+    def __init__(self, model: CameraModel, events: Sequence[Event], rng: np.random.Generator) -> None:
         self.phases = rng.uniform(0.0, 2 * np.pi, len(DRIFT_PERIODS_S))
-        waves = np.sin(2 * np.pi * self._time_s[:, None] / DRIFT_PERIODS_S + self.phases)
-        drift = model.exposure_drift * np.sqrt(2.0 / len(DRIFT_PERIODS_S)) * waves.sum(axis=1)
-        self._exposure_ms = np.clip(REFERENCE_EXPOSURE_MS * np.exp(followed + drift), *EXPOSURE_LIMITS_MS)
+        self._events = events
+        self._drift = model.exposure_drift * np.sqrt(2.0 / len(DRIFT_PERIODS_S))
+        self._state = self._wanted(np.zeros(1))[0]
+        self._followed = array("d")  # logarithm of the exposure without drift, every CONTROL_STEP_S
+        self._lock = Lock()  # images are rendered by several threads
 
     def exposure_ms(self, time_s: float) -> float:
         """Exposure time of an image whose exposure's middle is at time_s."""
-        return float(np.interp(time_s, self._time_s, self._exposure_ms))
+        before = int(time_s / CONTROL_STEP_S)
+        with self._lock:
+            self._follow(before + 2)
+            followed = np.array(self._followed[before : before + 2])
+        nodes_s = (before + np.arange(2)) * CONTROL_STEP_S
+        waves = np.sin(2 * np.pi * nodes_s[:, None] / DRIFT_PERIODS_S + self.phases)
+        logarithm = followed + self._drift * waves.sum(axis=1)
+        return float(
+            np.interp(time_s, nodes_s, np.clip(REFERENCE_EXPOSURE_MS * np.exp(logarithm), *EXPOSURE_LIMITS_MS))
+        )
+
+    def _follow(self, count: int) -> None:
+        """Go on until so many nodes are known."""
+        numbers = np.arange(len(self._followed), count)
+        for target in self._wanted(numbers * CONTROL_STEP_S):
+            self._state += CONTROL_STEP_S / EXPOSURE_LAG_S * (target - self._state)
+            self._followed.append(self._state)
+
+    def _wanted(self, time_s: np.ndarray) -> np.ndarray:
+        return -np.log(light_level(self._events, time_s))

@@ -7,8 +7,8 @@ from typing import Tuple
 from ceiling_dso_ros.dso.config import ConfigError, require
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
+from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES
 from ceiling_dso_ros.simulation.robot import Vibration, WheelErrors
-from ceiling_dso_ros.simulation.sequences import SEQUENCES
 
 __all__ = ["ConfigError", "SimulationConfig"]
 

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Faults and disturbances, called events, that can be added to any sequence.
 
-An event is written `NAME`, `NAME@START` or `NAME@START+DURATION` in seconds; without a start it happens at the
-default time for its kind.
+An event is written `NAME[@START][+DURATION]` in seconds; without a start it happens at the default times of its kind.
 """
 
 import re
 from dataclasses import dataclass
-from typing import Dict, List, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -56,7 +55,7 @@ KINDS: Dict[str, Kind] = {
     "drop_frames": Kind((0.35,), 2.0, "most images are lost"),
     "flicker": Kind((0.3,), 5.0, "the lamps flicker at twice the mains frequency"),
 }
-PATTERN = re.compile(r"(?P<kind>[a-z_]+)(@(?P<start>[0-9.]+)(\+(?P<duration>[0-9.]+))?)?")
+PATTERN = re.compile(r"(?P<kind>[a-z_]+)(@(?P<start>[0-9.]+))?(\+(?P<duration>[0-9.]+))?")
 
 
 class EventError(ValueError):
@@ -68,33 +67,71 @@ def parse_events(texts: Sequence[str], duration_s: float) -> List[Event]:
 
     Args:
         texts: as described above.
-        duration_s: of the sequence.
+        duration_s: of the sequence; inf if it has no end.
 
     Raises:
-        EventError: a text is not an event, or the event ends before the sequence begins.
+        EventError: a text is not an event, or the event begins after the end of the sequence.
     """
-    events = [event for text in texts for event in _parse(text, duration_s)]
+    events = []
+    for text in texts:
+        kind, start_s, length_s = _parse(text)
+        starts = [share * duration_s for share in KINDS[kind].starts] if start_s is None else [start_s]
+        if not starts[-1] < duration_s:
+            when = f"begin within the {duration_s:.1f} s of the sequence" if np.isfinite(duration_s) else "say @START"
+            raise EventError(f"'{text}': must {when}")
+        events += [Event(kind, start, length_s) for start in starts]
     return sorted(events, key=lambda event: event.start_s)
 
 
-def _parse(text: str, duration_s: float) -> List[Event]:
+def parse_live_event(text: str, now_s: float, events: Sequence[Event]) -> Event:
+    """An event while a drive goes on: now if it says no start.
+
+    Args:
+        text: the event.
+        now_s: seconds since the start of the drive.
+        events: those that there are already.
+
+    Raises:
+        EventError: the text is no event, the event would be in the past, or lamps that are on would go on.
+    """
+    kind, start_s, length_s = _parse(text.strip())
+    event = Event(kind, now_s if start_s is None else start_s, length_s)
+    if event.start_s < now_s:
+        raise EventError(f"'{text}': that is over, the drive has lasted for {now_s:.1f} s")
+    if event.kind == "lights_on" and light_level(events, np.array([event.start_s]))[0] == 1.0:
+        raise EventError(f"'{text}': the lamps are on")
+    return event
+
+
+def _parse(text: str) -> Tuple[str, Optional[float], float]:
+    """Kind, start if the text says it, and duration."""
     match = PATTERN.fullmatch(text)
     if match is None or match["kind"] not in KINDS:
-        raise EventError(f"'{text}' is not an event; write NAME[@START[+DURATION]] with NAME one of {', '.join(KINDS)}")
-    kind = KINDS[match["kind"]]
+        raise EventError(f"'{text}' is not an event; write NAME[@START][+DURATION] with NAME one of {', '.join(KINDS)}")
     try:
-        starts = [float(match["start"])] if match["start"] else [share * duration_s for share in kind.starts]
-        length = float(match["duration"]) if match["duration"] else kind.duration_s
+        start_s = float(match["start"]) if match["start"] else None
+        length_s = float(match["duration"]) if match["duration"] else KINDS[match["kind"]].duration_s
     except ValueError:
         raise EventError(f"'{text}': start and duration must be seconds") from None
-    if starts[-1] >= duration_s or length <= 0.0:
-        raise EventError(f"'{text}': must begin within the sequence of {duration_s:.1f} s and last longer than 0 s")
-    return [Event(match["kind"], start, length) for start in starts]
+    if length_s <= 0.0:
+        raise EventError(f"'{text}': must last longer than 0 s")
+    return match["kind"], start_s, length_s
 
 
 def of_kind(events: Sequence[Event], kind: str) -> List[Event]:
     """The events of one kind."""
     return [event for event in events if event.kind == kind]
+
+
+SLIP = 0.5  # share of a slipping wheel's rotation that does not move the robot
+
+
+def slip_share(events: Sequence[Event], time_s: np.ndarray) -> np.ndarray:
+    """Share of the left wheel's rotation that is lost by slipping, (N,) of (N,) times."""
+    share = np.zeros(len(time_s))
+    for event in of_kind(events, "slip"):
+        share[(time_s >= event.start_s) & (time_s < event.end_s)] = SLIP
+    return share
 
 
 LIGHTS_OFF_LEVEL = 0.12

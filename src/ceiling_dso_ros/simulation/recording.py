@@ -11,7 +11,8 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.simulation.config import SimulationConfig
-from ceiling_dso_ros.simulation.simulation import CameraFrame, Simulation, stamp_ns
+from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame, stamp_ns
+from ceiling_dso_ros.simulation.simulation import Simulation
 
 
 class SimulatedRecording(Recording):

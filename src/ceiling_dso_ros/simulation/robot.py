@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.recording import RobotDescription
+from ceiling_dso_ros.simulation.driving.motion import BaseMotion, transforms
 from ceiling_dso_ros.simulation.events import Event, of_kind
-from ceiling_dso_ros.simulation.motion import Motion, transforms
 
 GRAVITY_M_S2 = 9.81
 
@@ -102,7 +102,7 @@ class Robot:
         tones: frequencies (Hz) and phases (rad) of the shaking, (2, 3, TONES).
     """
 
-    motion: Motion
+    motion: BaseMotion
     true: RobotDescription
     vibration: Vibration
     events: Sequence[Event]

@@ -9,7 +9,7 @@ from ceiling_dso_ros.simulation.ceilings.factory import factory
 from ceiling_dso_ros.simulation.ceilings.plaster import plaster
 from ceiling_dso_ros.simulation.ceilings.tiles import tiles
 from ceiling_dso_ros.simulation.ceilings.warehouse import warehouse
-from ceiling_dso_ros.simulation.scene import Hall
+from ceiling_dso_ros.simulation.rendering.scene import Hall
 
 CEILINGS: Dict[str, Callable[[np.random.Generator], Hall]] = {
     "factory": factory,

@@ -5,10 +5,11 @@ from typing import List
 
 import numpy as np
 
-from ceiling_dso_ros.simulation import materials, structures
-from ceiling_dso_ros.simulation.geometry import Surface, beam, polygon, quad
-from ceiling_dso_ros.simulation.lighting import Source
-from ceiling_dso_ros.simulation.scene import Hall
+from ceiling_dso_ros.simulation.obstacles import Obstacles, person, vehicle
+from ceiling_dso_ros.simulation.rendering import materials, structures
+from ceiling_dso_ros.simulation.rendering.geometry import Surface, beam, polygon, quad
+from ceiling_dso_ros.simulation.rendering.lighting import Source
+from ceiling_dso_ros.simulation.rendering.scene import Hall
 
 LENGTH, WIDTH = 21.0, 15.0
 EAVES, RIDGE = 4.0, 6.0
@@ -24,7 +25,7 @@ def factory(rng: np.random.Generator) -> Hall:
     surfaces += structures.rack((-9.0, 6.9), (3.0, 6.9), 0.9, (0.2, 1.4, 2.5), rng)
     surfaces += structures.rack((9.9, -6.0), (9.9, 2.0), 0.9, (0.2, 1.4, 2.4), rng)
     sources = [Source(np.array([x, y, z + 0.05]), 0.22, False) for x, y, z in lamps]
-    return Hall(surfaces, sources, (LENGTH, WIDTH), _floor_plan())
+    return Hall(surfaces, sources, (LENGTH, WIDTH), _obstacles())
 
 
 def roof_height(y: float) -> float:
@@ -175,7 +176,9 @@ def _walls() -> List[Surface]:
     return surfaces
 
 
-def _floor_plan() -> np.ndarray:
+def _obstacles() -> Obstacles:
     columns = [(x, y, 0.1, 0.1) for x in FRAMES_X for y in (-7.4, 7.4)]
     racks = [(-3.0, 6.9, 6.0, 0.45), (9.9, -2.0, 0.45, 4.0)]
-    return structures.room_plan(LENGTH, WIDTH, columns + racks)
+    pallets = [(-8.6, -5.7, 0.6, 0.4), (7.1, -6.5, 0.6, 0.4)]
+    movers = (person((-8.0, 5.8), (8.0, 5.8)), vehicle((8.4, -5.0), (8.4, 4.5)))
+    return Obstacles(structures.room_plan(LENGTH, WIDTH, columns + racks + pallets), movers)

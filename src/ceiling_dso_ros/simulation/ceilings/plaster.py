@@ -5,10 +5,11 @@ from typing import List
 
 import numpy as np
 
-from ceiling_dso_ros.simulation import materials, structures
-from ceiling_dso_ros.simulation.geometry import Surface, beam
-from ceiling_dso_ros.simulation.lighting import Source
-from ceiling_dso_ros.simulation.scene import Hall
+from ceiling_dso_ros.simulation.obstacles import Obstacles, person
+from ceiling_dso_ros.simulation.rendering import materials, structures
+from ceiling_dso_ros.simulation.rendering.geometry import Surface, beam
+from ceiling_dso_ros.simulation.rendering.lighting import Source
+from ceiling_dso_ros.simulation.rendering.scene import Hall
 
 LENGTH, WIDTH, HEIGHT = 21.0, 15.0, 3.2
 
@@ -28,4 +29,6 @@ def plaster(rng: np.random.Generator) -> Hall:
         surfaces += structures.smoke_detector((x, y, HEIGHT))
     surfaces += structures.pipe([(-a, 5.9, HEIGHT - 0.05), (a, 5.9, HEIGHT - 0.05)], 0.011, materials.WHITE)
     sources = [Source(np.array([x, y, z + 0.05]), 0.08, False) for x, y, z in lamps]
-    return Hall(surfaces, sources, (LENGTH, WIDTH), structures.room_plan(LENGTH, WIDTH))
+    boxes = [(-8.6, -5.8, 0.5, 0.4), (8.6, 4.0, 0.4, 0.8)]
+    obstacles = Obstacles(structures.room_plan(LENGTH, WIDTH, boxes), (person((-7.0, 6.3), (7.0, 6.3)),))
+    return Hall(surfaces, sources, (LENGTH, WIDTH), obstacles)

@@ -5,10 +5,11 @@ from typing import List
 
 import numpy as np
 
-from ceiling_dso_ros.simulation import materials, structures
-from ceiling_dso_ros.simulation.geometry import Surface, box, quad
-from ceiling_dso_ros.simulation.lighting import Source
-from ceiling_dso_ros.simulation.scene import Hall
+from ceiling_dso_ros.simulation.obstacles import Obstacles, person
+from ceiling_dso_ros.simulation.rendering import materials, structures
+from ceiling_dso_ros.simulation.rendering.geometry import Surface, box, quad
+from ceiling_dso_ros.simulation.rendering.lighting import Source
+from ceiling_dso_ros.simulation.rendering.scene import Hall
 
 LENGTH, WIDTH, HEIGHT = 21.0, 15.0, 3.0
 TILE = 0.6
@@ -28,12 +29,9 @@ def tiles(rng: np.random.Generator) -> Hall:
         surfaces += structures.panel_lamp((x, y, HEIGHT), 2 * TILE, TILE)
     surfaces += _fittings(rng) + _furniture(rng)
     sources = [Source(np.array([x + TILE, y + TILE / 2, HEIGHT - 0.4]), 0.02, False) for x, y in lamps]
-    return Hall(
-        surfaces,
-        sources,
-        (LENGTH, WIDTH),
-        structures.room_plan(LENGTH, WIDTH, [(x, y, 0.2, 0.2) for x, y in COLUMNS] + [CUPBOARDS]),
-    )
+    floor_plan = structures.room_plan(LENGTH, WIDTH, [(x, y, 0.2, 0.2) for x, y in COLUMNS] + [CUPBOARDS])
+    people = (person((-8.0, -5.9), (8.0, -5.9)), person((8.6, 5.0), (8.6, -4.0), speed_m_s=0.9))
+    return Hall(surfaces, sources, (LENGTH, WIDTH), Obstacles(floor_plan, people))
 
 
 def _rectangle(length: float, width: float) -> List[tuple]:

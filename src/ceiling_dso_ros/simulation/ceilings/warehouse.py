@@ -5,10 +5,11 @@ from typing import List
 
 import numpy as np
 
-from ceiling_dso_ros.simulation import materials, structures
-from ceiling_dso_ros.simulation.geometry import Surface, beam, quad
-from ceiling_dso_ros.simulation.lighting import Source
-from ceiling_dso_ros.simulation.scene import Hall
+from ceiling_dso_ros.simulation.obstacles import Obstacles, person, vehicle
+from ceiling_dso_ros.simulation.rendering import materials, structures
+from ceiling_dso_ros.simulation.rendering.geometry import Surface, beam, quad
+from ceiling_dso_ros.simulation.rendering.lighting import Source
+from ceiling_dso_ros.simulation.rendering.scene import Hall
 
 LENGTH, WIDTH, HEIGHT = 40.0, 26.0, 9.0
 
@@ -30,7 +31,11 @@ def warehouse(rng: np.random.Generator) -> Hall:
         surfaces += structures.hangers([(x, y, z + 0.35)], [8.9], 0.01)
     surfaces += _skylights(rng) + _services() + _racks(rng)
     sources = [Source(np.array([x, y, z + 0.05]), 0.5, False) for x, y, z in lamps]
-    return Hall(surfaces, sources, (LENGTH, WIDTH), structures.room_plan(LENGTH, WIDTH, RACKS))
+    pallets = [(12.0, -6.0, 0.6, 0.4), (-11.0, 5.0, 0.4, 0.6)]
+    movers = (vehicle((-12.0, 7.9), (12.0, 7.9), speed_m_s=1.2), person((-9.5, -6.0), (-9.5, 6.0)))
+    return Hall(
+        surfaces, sources, (LENGTH, WIDTH), Obstacles(structures.room_plan(LENGTH, WIDTH, [*RACKS, *pallets]), movers)
+    )
 
 
 def _skylights(rng: np.random.Generator) -> List[Surface]:

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import numpy as np
+import pytest
+
+from ceiling_dso_ros.simulation.obstacles import Obstacles, person, vehicle
+from ceiling_dso_ros.simulation.rendering.structures import room_plan
+
+
+def test_the_clearance_is_that_to_the_nearest_wall_or_mover():
+    obstacles = Obstacles(room_plan(20.0, 10.0, [[4.0, 0.0, 1.0, 1.0]]), (vehicle((-5.0, 0.0), (-5.0, 4.0), 1.0),))
+    points = np.array([[0.0, 4.0], [1.0, 0.5], [-4.0, 0.0], [-4.0, 3.0], [-5.0, 3.0]])
+    times = np.array([0.0, 0.0, 0.0, 3.0, 3.0])  # by then the vehicle has moved on, and stands over the last point
+    np.testing.assert_allclose(obstacles.clearance_m(points, times), [1.0, 2.0, 0.6, 0.6, 0.0], atol=1e-9)
+
+
+def test_the_map_has_the_outlines_of_what_stands():
+    obstacles = Obstacles(room_plan(20.0, 10.0, [[4.0, 0.0, 1.0, 1.0]]), (vehicle((-5.0, 0.0), (-5.0, 4.0)),))
+    hall = obstacles.floor_map()
+
+    def is_occupied(x, y):
+        column, row = ((np.array([x, y]) - hall.corner) / hall.cell_m).astype(int)
+        return hall.occupied[row - 1 : row + 2, column - 1 : column + 2].any()
+
+    assert all(is_occupied(x, y) for x, y in ((10.0, 3.3), (-10.0, -4.0), (0.02, 5.0), (3.0, 0.4), (4.7, -1.0)))
+    assert not any(is_occupied(x, y) for x, y in ((0.0, 0.0), (4.0, 0.0), (-5.0, 0.4), (9.5, 4.5)))
+
+
+def test_people_walk_back_and_forth_on_two_legs():
+    walker = person((1.0, 2.0), (4.0, 2.0), speed_m_s=1.5)
+    times = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    legs = walker.centers(times)
+    assert legs.shape == (5, 2, 2)
+    np.testing.assert_allclose(
+        legs.mean(axis=1), [[1.0, 2.0], [2.5, 2.0], [4.0, 2.0], [2.5, 2.0], [1.0, 2.0]], atol=1e-9
+    )
+    apart = np.abs(np.diff(walker.centers(np.linspace(0.0, 4.0, 200)), axis=1))[:, 0]
+    assert apart[:, 0].max() == pytest.approx(0.6, abs=0.01), "a step"
+    np.testing.assert_allclose(apart[:, 1], 0.22)
