@@ -146,20 +146,42 @@ def test_ticks_keep_the_resolution_of_the_robot():
 
 def test_the_resolution_of_an_odometry_is_that_of_its_way():
     wheels = odometry(ticks_per_turn=20.0)
-    turn = 2 * np.pi / 90 * RADIUS
-    for index, ticks in enumerate([0, 1, 3, 6, 10, 13, 17, 20]):
-        wheels.add_pose(100_000_000 * index, np.array([ticks * turn, 0.0, 0.0]))
-    assert wheels.noise.resolution_m == pytest.approx(2.0 * turn)  # one wheel's, if the other one stood
+    turn_m = 2 * np.pi / 90 * RADIUS
+    for index in range(60):
+        wheels.add_pose(100_000_000 * index, np.array([np.round(1.7 * index) * turn_m, 0.0, 0.0]))
+    assert wheels.noise.resolution_m == pytest.approx(2.0 * turn_m)  # one wheel's, if the other one stood
 
 
-def test_changes_of_one_size_tell_no_more_than_that_size():
-    resolution = Resolution(1e-3)
-    resolution.add(0.5, -0.5, 0.5 + 1e-9)
-    assert resolution.step == 0.5
-    resolution.add(0.7)
-    assert resolution.step == pytest.approx(0.2)
-    resolution.add(0.70005)
-    assert resolution.step == 1e-3
+FINEST, STEP = 1e-3, 0.07
+
+
+def resolution(readings, times_s=None):
+    found = Resolution(FINEST)
+    times_s = 0.02 * np.arange(len(readings)) if times_s is None else times_s
+    for change, duration_s in zip(np.diff(readings), np.diff(times_s)):
+        found.add(np.array([change]), duration_s)
+    return found.step
+
+
+def test_readings_that_go_to_and_fro_by_a_step_have_its_resolution():
+    for speed in (0.2, 0.5, 3.3, 20.0):
+        assert resolution(np.round(speed * 0.02 * np.arange(200) / STEP) * STEP) == pytest.approx(STEP)
+
+
+def test_a_constant_speed_tells_nothing():
+    """Nor does one that changes evenly, as in a simulation, also where samples are missing or the robot stops."""
+    steady = 0.1 * np.arange(300.0)
+    kept = np.random.default_rng(0).random(300) > 0.2
+    stop_and_go = np.cumsum(0.1 * ((np.arange(2000) // 100) % 2))
+    assert resolution(steady) == resolution(steady[kept], 0.02 * np.flatnonzero(kept)) == FINEST
+    assert resolution(stop_and_go) == resolution(0.01 * np.arange(100.0) ** 2) == FINEST
+
+
+def test_readings_of_a_real_robot_are_as_fine_as_they_are():
+    rng = np.random.default_rng(0)
+    times_s = 0.02 * np.arange(300) + 0.001 * rng.normal(size=300)
+    assert resolution(5.0 * times_s, times_s) == FINEST
+    assert resolution(np.round(5.0 * times_s / STEP) * STEP, times_s) == pytest.approx(STEP)
 
 
 def test_wrapped_angles_with_some_samples_missing_are_the_turn_that_was_driven():

@@ -6,7 +6,6 @@ several steps keeps two sources of error separate: white noise of the wheels, an
 radius, ratio of the radii, wheel base), with the derivative of the pose by their logarithms.
 """
 
-import bisect
 import math
 from dataclasses import dataclass, replace
 from typing import Callable, Optional, Tuple
@@ -155,32 +154,43 @@ class WheelNoise:
 class Resolution:
     """Finds the resolution of readings from how much they change from one to the next.
 
-    Changes of coarse readings are multiples of one step, so that no two of them are nearer to each other than it. Those
-    of fine readings come as near as they like.
-
-    Attributes:
-        step: the smallest difference of two changes so far, at least the finest, in the unit of the readings.
+    While a robot drives, the changes of coarse readings go to and fro by one step, those of fine readings by as little
+    as its speed is uneven. A speed that is exactly constant, or changes evenly, as in a simulation, tells nothing.
     """
 
     SAME = 0.01  # share of the finest: changes that are nearer are equal but for rounding
-    KEPT = 200  # changes, which are enough: of n that are spread evenly over a range, two are range / n^2 apart
+    LEAST = 10  # turns to and fro, and their share of all changes: fewer are those of a speed that is set in steps
+    LEAST_SHARE = 0.05
+    SAME_TIME = 1.5  # changes over times with a larger ratio are not compared, since samples are missing
 
     def __init__(self, finest: float) -> None:
-        self.step = self._finest = finest
+        self._finest = finest
+        self._last: Optional[Tuple[np.ndarray, float]] = None
+        self._signs: Optional[np.ndarray] = None  # of the last differences
+        self._changes = self._turns = 0
         self._smallest = math.inf
-        self._changes = [0.0]
 
-    def add(self, *changes: float) -> None:
-        """Add changes of readings that are equally coarse."""
-        for change in map(abs, changes):
-            place = bisect.bisect(self._changes, change)
-            gap = min(abs(change - other) for other in self._changes[max(place - 1, 0) : place + 1])
-            if gap < self.SAME * self._finest:
-                continue
-            self._smallest = min(gap, self._smallest)
-            self.step = max(self._smallest, self._finest)
-            if len(self._changes) < self.KEPT:
-                self._changes.insert(place, float(change))
+    @property
+    def step(self) -> float:
+        """The resolution in the unit of the readings; the finest that is assumed, where no coarser one is found."""
+        if self._turns < max(self.LEAST, self.LEAST_SHARE * self._changes):
+            return self._finest
+        return max(self._smallest, self._finest)
+
+    def add(self, changes: np.ndarray, duration_s: float) -> None:
+        """Add the (n,) changes of readings that are equally coarse, in a time."""
+        if self._signs is None:
+            self._signs = np.zeros(len(changes))
+        same = self.SAME * self._finest
+        if self._last is not None and max(duration_s, self._last[1]) < self.SAME_TIME * min(duration_s, self._last[1]):
+            differences = changes - self._last[0]
+            differ = np.abs(differences) > same
+            turned = differ & (differences * self._signs < 0.0)
+            self._changes += int(np.count_nonzero(np.abs(changes) > same))
+            self._turns += int(np.count_nonzero(turned))
+            self._smallest = float(np.min(np.abs(differences[turned]), initial=self._smallest))
+            self._signs = np.where(differ, np.sign(differences), self._signs)
+        self._last = changes, duration_s
 
 
 class WheelOdometry:
@@ -299,7 +309,7 @@ class WheelOdometry:
         turns += np.where(may_wrap | too_fast, TURN * np.round((expected - turns) / TURN), 0.0)
         twist = self._twist_of_turns(turns, dt)
         if twist is not None:
-            self._angle_steps.add(*turns)
+            self._angle_steps.add(turns, dt)
         return twist
 
     def _twist_of_turns(self, turns_rad: np.ndarray, dt: float) -> Optional[np.ndarray]:
@@ -313,7 +323,7 @@ class WheelOdometry:
         fastest = np.hypot(twist[0], twist[1]) + 0.5 * self._robot.wheel_base_m * abs(twist[2])
         if fastest > self._config.max_speed_m_s * dt:
             return None
-        self._forward_steps.add(twist[0])
+        self._forward_steps.add(twist[:1], dt)
         return twist
 
 

@@ -36,8 +36,9 @@ class ImageOrder:
         if abs(self._apart_s) <= seconds(CAMERA_AHEAD_NS):
             return ""
         order = "after" if self._apart_s > 0.0 else "before"
-        late = "" if self._apart_s > 0.0 else ", or images come late"
-        return f"stamps of images are {abs(self._apart_s):.1f} s {order} those of the wheels: two clocks{late}"
+        late = "the wheels" if self._apart_s > 0.0 else "images"
+        apart = f"{abs(self._apart_s):.1f} s {order} those of the wheels"
+        return f"stamps of images are {apart}: two clocks, or {late} come late"
 
     def is_usable(self, stamp_ns: int, wheels_ns: Optional[int], complain: Callable[[str], None]) -> bool:
         """Whether to use an image.
