@@ -126,7 +126,7 @@ def test_images_without_wheels_give_no_pose(loops):
 
 
 def test_a_robot_that_has_an_odometry_needs_no_ticks(loops, fused):
-    """Any frame will do: here it does not begin at zero."""
+    """Any frame will do: here it does not begin at zero. The resolution, which ticks know, is found from the poses."""
     elsewhere, estimator, poses = np.array([7.0, -2.0, 1.0]), FusionEstimator(loops.robot), []
     odometry = iter([elsewhere, *(planar.compose(elsewhere, pose) for pose in fused.wheel_poses)])
     for stamp_ns, is_camera, data in loops.events():
@@ -136,7 +136,7 @@ def test_a_robot_that_has_an_odometry_needs_no_ticks(loops, fused):
         else:
             state = estimator.add_wheel_odometry(stamp_ns, next(odometry))
             poses += [] if state is None else [state.pose]
-    np.testing.assert_allclose(poses, fused.poses, atol=1e-6)
+    np.testing.assert_allclose(poses, fused.poses, atol=1e-5)
 
 
 def test_repeated_and_disordered_images_are_no_harm(loops, fuse, fused):
