@@ -34,7 +34,7 @@ def refusal(capsys, *words):
 
 
 def test_a_recording_without_wheels_is_refused(tum_folder, tmp_path, capsys):
-    assert "no wheel encoders" in refusal(capsys, tum_folder, "--out", tmp_path / "robot.yaml")
+    assert "has no wheels" in refusal(capsys, tum_folder, "--out", tmp_path / "robot.yaml")
 
 
 def test_unknown_dimensions_are_asked_for(recording, tmp_path, capsys):

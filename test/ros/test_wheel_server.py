@@ -57,6 +57,13 @@ def test_a_gripper_on_the_same_topic_is_never_taken_for_the_wheels(server):
     assert server.published[-1].pose.pose.position.x == pytest.approx(0.1 * 0.1)
 
 
+def test_wheels_that_have_gone_are_named(server, monkeypatch):
+    hear(server, 1.0, WHEELS[:2], [0.0, 0.0])
+    monkeypatch.setattr(rospy, "get_time", lambda: 11.0)
+    hear(server, 2.0, FINGERS, [0.0, 0.0])
+    assert "a message without front_left_wheel and front_right_wheel; name the wheels" in server._samples.complaint
+
+
 @pytest.mark.parametrize(
     ("stamp_s", "positions", "velocities", "complaint"),
     [

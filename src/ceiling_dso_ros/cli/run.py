@@ -93,6 +93,8 @@ def execute(options: argparse.Namespace) -> None:
     visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
     needs_wheels = options.predict or bool(options.wheel_input or options.wheel_odometry)
     fusion = _fusion(recording, fusion_config, warnings, needs_wheels)
+    if options.robot is not None and recording.robot is not None and recording.wheels is None:
+        warnings.add(f"{recording.path}: has no wheels, so that {options.robot} is not used")
     with output_folder(options.out) as folder:
         write_settings(folder / "config.yaml", config)
         if fusion is not None:

@@ -14,7 +14,7 @@ from std_msgs.msg import Header, Int32
 
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.tick_pairs import TickPairs
-from ceiling_dso_ros.io.wheel_joints import WheelJoints
+from ceiling_dso_ros.io.wheel_joints import NAME_THEM, WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
 from ceiling_dso_ros.ros.node_parameters import WheelParameters
@@ -92,7 +92,8 @@ class WheelServer:
             if self._joints.complaint:
                 self._complain(self._joints.complaint)
             elif angles is None and (not self._samples.received or self._samples.silent):  # others may share the topic
-                self._samples.complain(self._joints.missing or "a message without the wheels")
+                wheels = " and ".join(map(str, self._joints.pairs))
+                self._samples.complain(self._joints.missing or f"a message without {wheels}; {NAME_THEM}")
             if angles is not None and stamp_ns == 0:
                 self._samples.complain("a message without a stamp")
             elif angles is not None:
