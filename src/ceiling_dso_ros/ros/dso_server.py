@@ -101,7 +101,6 @@ class DsoServer:
         self._size = parse_image_size(own.image_size, "image_size") if own.image_size else None
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
-        self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
         self._frame_rate = FrameRateLimit()
         self._mailbox = Mailbox()
         self._exposures = ExposureLookup()
@@ -115,8 +114,9 @@ class DsoServer:
         self._run: Optional[VisualRun] = None  # None without a calibration
         self._scheduler = LiveScheduler() if own.mapping == "live" else SequentialScheduler()
 
-        load_kernels()
         self._calibrations = CalibrationInput(parameters.file_path(own.calibration), own.rectified)
+        self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
+        load_kernels()
         self._predictions = MotionPredictions() if own.motion_prediction else None
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
         self._reconfigure_server = ReconfigureServer(DsoConfig, self._reconfigure)
