@@ -3,6 +3,7 @@
 """Services, parameters and restarts of wheel_odometry_node and fusion_node while the robot drives."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -142,8 +143,10 @@ class FusionOperation(DrivingRobot):
         """It goes on at once, and its trajectories are there but for the last second."""
         self.recent(3.0)
         base = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "ceiling_dso_ros"
-        (kept,) = base.glob("fusion_node.*.spool")
-        os.kill(pid_of("/fusion_node"), signal.SIGKILL)
+        pid = pid_of("/fusion_node")
+        (kept,) = base.glob(f"fusion_node.*.{pid}.spool")
+        self.addCleanup(shutil.rmtree, kept)
+        os.kill(pid, signal.SIGKILL)
         first = len(self.listener.scales)
         wait_until(lambda: len(self.listener.scales) > first, "fusion_node does not come back")
         self.listener.wait_for_scale(self.robot)

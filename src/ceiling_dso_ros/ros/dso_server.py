@@ -34,6 +34,7 @@ from ceiling_dso_ros.ros.kernels import load_kernels
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
 from ceiling_dso_ros.ros.motion_predictions import MotionPredictions
+from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import DsoParameters
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
@@ -167,7 +168,8 @@ class DsoServer:
     def _process_safely(self, message: AnyImage) -> None:
         """An error that is not of the odometry, such as one of publishing, concerns one image only."""
         try:
-            self._process(message)
+            with publishing():
+                self._process(message)
         except Exception:
             rospy.logerr_throttle(WARNING_PERIOD_S, f"an image was not processed: {traceback.format_exc()}")
 
@@ -218,7 +220,8 @@ class DsoServer:
         if self._keeper.spool is not None:
             self._keeper.spool.add(tracked.status)
         status = self._with_data_stamps(tracked.status)
-        self._publisher.publish(header, self._camera_frame(message), status)
+        with publishing():
+            self._publisher.publish(header, self._camera_frame(message), status)
         return status_message(header, status), tracked
 
     def _show(self, header: Header, camera_frame_id: str, tracked: TrackedImage) -> None:
