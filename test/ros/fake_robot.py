@@ -199,9 +199,19 @@ def mount(frame, xyz):
     return transform
 
 
+def node_at(name):
+    """The API of a running node."""
+    return ServerProxy(rosgraph.Master(rospy.get_name()).lookupNode(name))
+
+
+def pid_of(name):
+    """The process of a running node."""
+    return node_at(name).getPid(rospy.get_name())[2]
+
+
 def end_node(name):
     """Ask a node to end, as `rosnode kill` does."""
-    node = ServerProxy(rosgraph.Master(rospy.get_name()).lookupNode(name))
+    node = node_at(name)
     with suppress(ConnectionError):  # it may end before it has answered
         node.shutdown(rospy.get_name(), "test")
 

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Services, parameters and restarts of wheel_odometry_node and fusion_node while the robot drives."""
 
+import os
+import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,6 +24,7 @@ from fake_robot import (
     any_pose,
     end_node,
     parents,
+    pid_of,
     xy_yaw,
 )
 from geometry_msgs.msg import PoseStamped, TransformStamped
@@ -30,6 +34,7 @@ from waiting import wait_until
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.playback.spool_files import write_all
 from ceiling_dso_ros.srv import SaveTrajectory, SetPose
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -133,6 +138,23 @@ class FusionOperation(DrivingRobot):
             self.listener.wait_for_level("fusion_node", OK)
             self.listener.wait_for_scale(self.robot)
         self.assertEqual(Client("fusion_node").get_configuration()["path_length"], 123)  # what was set stays set
+
+    def test_y_kill(self):
+        """It goes on at once, and its trajectories are there but for the last second."""
+        self.recent(3.0)
+        base = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "ceiling_dso_ros"
+        pid = pid_of("/fusion_node")
+        (kept,) = base.glob(f"fusion_node.*.{pid}.spool")
+        self.addCleanup(shutil.rmtree, kept)
+        os.kill(pid, signal.SIGKILL)
+        first = len(self.listener.scales)
+        wait_until(lambda: len(self.listener.scales) > first, "fusion_node does not come back")
+        self.listener.wait_for_scale(self.robot)
+        with tempfile.TemporaryDirectory() as folder:
+            written = write_all(kept, Path(folder))
+            self.assertEqual(written.errors, [])
+            self.assertGreater(min(written.poses.values()), 5)
+            self.assertEqual(len(written.poses), 3)
 
     def test_y_restart_while_no_keyframes_are_made(self):
         """As while the robot stands: the latched window is enough to see by."""

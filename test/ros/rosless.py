@@ -34,12 +34,14 @@ class Rosless:
         newest: topic -> message.
         listened: topics that have a subscriber.
         logged: what was logged as a warning or an error.
+        is_shutdown: whether the node is being shut down.
         diagnostics: runs the node's report and returns its status.
     """
 
     def __init__(self, monkeypatch, **parameters):
         self.callbacks, self.services, self.sent, self.newest = {}, {}, {}, {}
         self.listened, self.logged, self.ends = set(), [], []
+        self.is_shutdown = False
         self._task = None
         world = self
 
@@ -81,7 +83,7 @@ class Rosless:
             "get_name": lambda: "/robot/node",
             "resolve_name": lambda name: f"/{name.lstrip('/')}",
             "get_time": time.monotonic,
-            "is_shutdown": lambda: False,
+            "is_shutdown": lambda: world.is_shutdown,
             "on_shutdown": self.ends.append,
             "loginfo": lambda *_: None,
             **dict.fromkeys(("logwarn", "logerr"), log),

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built workspace")
 pytestmark = pytest.mark.ros
 
+import rospy  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rosless import Rosless  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
@@ -261,6 +262,32 @@ def test_an_error_in_publishing_concerns_one_image(camera, monkeypatch):
     before = camera.world.sent["visual_odometry/status"]
     assert camera.see().state == VisualOdometryStatus.INITIALIZING
     assert camera.world.sent["visual_odometry/status"] == before + 1
+
+
+def closed(*_):
+    raise rospy.ROSException("publish() to a closed topic")
+
+
+def test_an_image_at_the_moment_of_the_end_forgets_nothing(camera, monkeypatch):
+    """Topics are closed at once; what was tracked so far is still to be written."""
+    camera.calibrate()
+    camera.see()
+    forgotten = []
+    monkeypatch.setattr(camera.server._keeper, "clear", lambda: forgotten.append(True))
+    monkeypatch.setattr(camera.server._publisher, "publish", closed)
+    monkeypatch.setattr(camera.server._publisher, "publish_status", closed)
+    camera.world.is_shutdown = True
+    camera.see()
+    assert forgotten == camera.world.logged == []
+
+
+def test_a_wheel_sample_at_the_moment_of_the_end_is_no_error(fusion, monkeypatch):
+    fusion.go_on(10)
+    monkeypatch.setattr(fusion.server._publisher, "publish", closed)
+    shut = iter([False])  # not yet, when the callback begins
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: next(shut, True))
+    fusion.hear_wheels()
+    assert next(shut, None) is None
 
 
 def test_a_silent_publisher_of_exposures_is_stated(camera, monkeypatch):

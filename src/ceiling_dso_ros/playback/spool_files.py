@@ -19,7 +19,7 @@ from ceiling_dso_ros.io.replacing import replacing
 from ceiling_dso_ros.io.rolling_file import read_rolling
 
 Writer = Callable[[Path, BinaryIO], int]  # from a spool into a file; returns the number of poses
-NICENESS = 10  # of the process: nodes come first
+NICENESS = 19  # of the process, the largest: nodes come first
 
 
 @dataclass

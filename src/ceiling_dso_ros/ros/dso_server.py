@@ -34,6 +34,7 @@ from ceiling_dso_ros.ros.kernels import load_kernels
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
 from ceiling_dso_ros.ros.motion_predictions import MotionPredictions
+from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import DsoParameters
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
@@ -101,7 +102,6 @@ class DsoServer:
         self._size = parse_image_size(own.image_size, "image_size") if own.image_size else None
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
-        self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
         self._frame_rate = FrameRateLimit()
         self._mailbox = Mailbox()
         self._exposures = ExposureLookup()
@@ -115,8 +115,9 @@ class DsoServer:
         self._run: Optional[VisualRun] = None  # None without a calibration
         self._scheduler = LiveScheduler() if own.mapping == "live" else SequentialScheduler()
 
-        load_kernels()
         self._calibrations = CalibrationInput(parameters.file_path(own.calibration), own.rectified)
+        self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
+        load_kernels()
         self._predictions = MotionPredictions() if own.motion_prediction else None
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
         self._reconfigure_server = ReconfigureServer(DsoConfig, self._reconfigure)
@@ -167,7 +168,8 @@ class DsoServer:
     def _process_safely(self, message: AnyImage) -> None:
         """An error that is not of the odometry, such as one of publishing, concerns one image only."""
         try:
-            self._process(message)
+            with publishing():
+                self._process(message)
         except Exception:
             rospy.logerr_throttle(WARNING_PERIOD_S, f"an image was not processed: {traceback.format_exc()}")
 
@@ -218,7 +220,8 @@ class DsoServer:
         if self._keeper.spool is not None:
             self._keeper.spool.add(tracked.status)
         status = self._with_data_stamps(tracked.status)
-        self._publisher.publish(header, self._camera_frame(message), status)
+        with publishing():
+            self._publisher.publish(header, self._camera_frame(message), status)
         return status_message(header, status), tracked
 
     def _show(self, header: Header, camera_frame_id: str, tracked: TrackedImage) -> None:

@@ -31,6 +31,7 @@ from ceiling_dso_ros.ros.conversions import ros_time
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
 from ceiling_dso_ros.ros.metric_map import MetricMap
+from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import FusionParameters
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
@@ -246,8 +247,9 @@ class FusionServer:
         self._counts.images = self._images.received
         self._counts.processing_ms = 1e3 * (time.perf_counter() - start_s)
         stamp = ros_time(self._clock.stamp_ns(state.stamp_ns))
-        self._publisher.publish(stamp, state, self._counts)
-        self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
+        with publishing():
+            self._publisher.publish(stamp, state, self._counts)
+            self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
 
     def _predict(self) -> None:
         newest, now_ns = self._newest_tracked, self._clock.last_ns
@@ -256,7 +258,8 @@ class FusionServer:
         end_ns = now_ns - self._camera_offset_ns
         motion = self._estimator.predict_camera_motion(newest, end_ns)
         span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)
-        self._publisher.publish_prediction(motion, *span_ns, newest.segment)
+        with publishing():
+            self._publisher.publish_prediction(motion, *span_ns, newest.segment)
 
     def _reconfigure_output(self, settings: FusionOutputConfig, _level: int) -> FusionOutputConfig:
         output = OutputConfig(**{field.name: settings[field.name] for field in fields(OutputConfig)})

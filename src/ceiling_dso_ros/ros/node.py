@@ -2,7 +2,8 @@
 """Runs a node; common to all executables."""
 
 import sys
-from typing import Callable
+from contextlib import contextmanager
+from typing import Callable, Iterator
 
 import rospy
 
@@ -26,6 +27,16 @@ def run_node(name: str, make_server: Callable) -> int:
             rospy.logfatal("%s", error)
         return 2
     return 0
+
+
+@contextmanager
+def publishing() -> Iterator[None]:
+    """Publish in the block; that topics are closed while the node is shut down is no error."""
+    try:
+        yield
+    except rospy.ROSException:
+        if not rospy.is_shutdown():
+            raise
 
 
 def time_is_simulated() -> bool:

@@ -17,6 +17,7 @@ from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.io.wheel_joints import NAME_THEM, WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
+from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import WheelParameters
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
@@ -138,11 +139,11 @@ class WheelServer:
         """Publish the motion so far and (2,) forward speed and yaw rate with (2, 2) covariance."""
         header = Header(stamp=ros_time(self._clock.stamp_ns(total.end_ns)), frame_id=self._odom_frame)
         covariance = self._odometry.covariance_odom
-        self._publisher.publish(
-            planar_odometry(header, self._base_frame, total.pose, covariance, twist, twist_covariance)
-        )
-        if self._broadcaster is not None:
-            self._broadcaster.sendTransform(planar_transform(header, self._base_frame, total.pose))
+        odometry = planar_odometry(header, self._base_frame, total.pose, covariance, twist, twist_covariance)
+        with publishing():
+            self._publisher.publish(odometry)
+            if self._broadcaster is not None:
+                self._broadcaster.sendTransform(planar_transform(header, self._base_frame, total.pose))
 
     def _reset(self) -> str:
         with self._lock:
