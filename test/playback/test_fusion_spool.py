@@ -133,12 +133,13 @@ def test_of_a_long_drive_the_newest_part_is_kept_and_smoothed_where_it_was(tmp_p
     assert np.allclose(read_tum(tmp_path / "out" / "fused_smoothed.tum").positions[-1], [200 * STEP_M, 0, 0], atol=1e-6)
 
 
-def test_what_lies_before_a_gap_is_left_out(spool):
+@pytest.mark.parametrize(("gap", "kept"), [(10, range(16, 31)), (20, range(1, 21))])
+def test_of_a_drive_with_a_gap_the_longer_part_is_smoothed(spool, gap, kept):
     """The disk was full for a while."""
     measured = motions(30)
-    spool.add_motions([*measured[:10], *measured[15:]])
+    spool.add_motions([*measured[:gap], *measured[gap + 5 :]])
     spool.flush()
-    assert kept_motions(spool.path)["end"].tolist() == [*range(16, 31)]
+    assert kept_motions(spool.path)["end"].tolist() == [*kept]
 
 
 def test_the_settings_of_the_run_are_those_of_its_smoothing(tmp_path):

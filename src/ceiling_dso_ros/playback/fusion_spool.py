@@ -105,7 +105,7 @@ def write_smoothed(folder: Path, file: BinaryIO) -> int:
 
 
 def kept_motions(folder: Path) -> np.ndarray:
-    """(N,) MOTION of consecutive keyframes up to the newest; what lies before a gap (the disk was full) is left out.
+    """(N,) MOTION of consecutive keyframes: all, or the longest part without a gap where the disk was full for a while.
 
     Raises:
         InputError: the folder cannot be read.
@@ -118,4 +118,4 @@ def kept_motions(folder: Path) -> np.ndarray:
     last = motions["end"][-1] if len(motions) else 0
     motions = np.concatenate([motions, newest[newest["end"] > last]])
     gaps = np.flatnonzero(np.diff(motions["end"]) != 1)
-    return motions[gaps[-1] + 1 :] if len(gaps) else motions
+    return max(np.split(motions, gaps + 1), key=len)
