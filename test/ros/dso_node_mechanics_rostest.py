@@ -150,7 +150,7 @@ class DsoNodeMechanics(unittest.TestCase):
     def test_newest_image_wins_and_drops_are_counted(self):
         before = self.player.statuses[-1]
         count = len(self.player.statuses)
-        burst = [self.next_image() for _ in range(60)]
+        burst = [self.next_image(np.roll(PIXELS, k, axis=1)) for k in range(1, 61)]  # repeated ones take no time
         for image in burst:
             self.player.send(image)
         wait_until(
