@@ -26,9 +26,10 @@ LAYERS = (
     ("cli", "ros"),
     ("__main__",),
 )
-# The rooms of the odometry, in the same way. The first row are files that say what goes in and what comes out.
+# The rooms of the odometry, in the same way. The first row are files that say what goes in, how time is counted, and
+# what comes out.
 ROOMS_OF_DSO = (
-    ("config", "hosted_points"),
+    ("config", "durations", "hosted_points"),
     ("status",),
     ("compute",),
     ("geometry",),

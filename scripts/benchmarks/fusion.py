@@ -18,13 +18,13 @@ from support import fusion_simulated
 from support.checkout import DATA
 from support.table import Row, report
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.experiments.fused_run import FusedRun
 from ceiling_dso_ros.experiments.kept_runs import Kept, Statuses, is_missing
 from ceiling_dso_ros.fusion.calibration import Calibration, calibrate
 from ceiling_dso_ros.fusion.calibration_data import camera_poses
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelOdometry

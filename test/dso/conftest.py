@@ -14,3 +14,14 @@ def images():
     import flying
 
     return flying.render()
+
+
+@pytest.fixture(scope="session")
+def flight(images):
+    """What the odometry makes of them."""
+    import flying
+    from synthetic import CAMERA
+
+    from ceiling_dso_ros.dso import DirectOdometry
+
+    return flying.run(DirectOdometry(CAMERA, flying.CONFIG), images)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A small synthetic flight for the whole odometry."""
 
+from dataclasses import replace
+
 import numpy as np
 from synthetic import SHARP, Surface
 
@@ -43,3 +45,30 @@ def ate(statuses, truth):
     true = np.array([T for T, ok in zip(truth, found) if ok])
     aligned = align(ours[:, :3, 3], true[:, :3, 3], AlignmentKind.SIM3).apply(ours)
     return np.sqrt(((aligned - true)[:, :3, 3] ** 2).sum(axis=1).mean())
+
+
+def same(first, second):
+    """Byte for byte, but for the time it took."""
+    names = (
+        "stamp_ns",
+        "state",
+        "segment",
+        "is_keyframe",
+        "keyframe_id",
+        "active_points",
+        "candidate_points",
+        "message",
+    )
+    for a, b in zip(first, second):
+        assert [getattr(a, name) for name in names] == [getattr(b, name) for name in names]
+        for name in ("T_world_camera", "T_keyframe_camera", "covariance"):
+            x, y = getattr(a, name), getattr(b, name)
+            assert (x is None) == (y is None)
+            assert x is None or x.tobytes() == y.tobytes()
+        for k, other in zip(a.keyframes, b.keyframes):
+            assert k.T_world_camera.tobytes() == other.T_world_camera.tobytes()
+    assert len(first) == len(second)
+
+
+def with_setting(part, **values):
+    return replace(CONFIG, **{part: replace(getattr(CONFIG, part), **values)})

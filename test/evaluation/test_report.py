@@ -8,9 +8,9 @@ from evo.core.trajectory import PoseTrajectory3D
 from evo.main_ape import ape
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.evaluation.report import EvaluationError, evaluate_trajectory, tables
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 
 TAU_S = 0.01

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.experiments.tracked_run import TrackedRun
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 
 FRAMES, HZ, BEGIN_NS, SCALE = 600, 30.0, 1_732_800_000_123_456_789, 4.0

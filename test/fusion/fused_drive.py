@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from simulated_drive import Drive, Truth, simulate_drive
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, WheelConfig
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 

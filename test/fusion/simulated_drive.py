@@ -6,10 +6,10 @@ from typing import List, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 
 RATE_HZ = 600  # of the simulated motion: a multiple of the wheels' 50 Hz and the camera's 30 Hz
 WHEEL_STEP, FRAME_STEP = RATE_HZ // 50, RATE_HZ // 30

@@ -5,7 +5,7 @@ import dataclasses
 
 import pytest
 
-from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.dso.durations import seconds
 
 pytestmark = pytest.mark.long
 SEEDS = range(5)

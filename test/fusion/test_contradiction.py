@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import pytest
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import SlipConfig
 from ceiling_dso_ros.fusion.contradiction import Contradiction
-from ceiling_dso_ros.fusion.durations import nanoseconds
 
 IMAGE_NS = nanoseconds(0.033)
 

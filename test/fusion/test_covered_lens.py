@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.state import FusionState
 
 pytestmark = pytest.mark.long

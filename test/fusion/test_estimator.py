@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.config import ConfigError
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, ScaleConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sensors that are missing, wrong or late: what the fusion reports, and what it makes of the others."""
 
-# SPDX-License-Identifier: BSD-3-Clause
 import dataclasses
 
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
 
@@ -52,6 +52,86 @@ def test_images_without_wheels_do_not_pile_up(loops):
     state = [estimator.add_wheel_ticks(*sample[:1], *sample[1:]) for sample in loops.ticks[-100:]][-1]
     assert estimator._waiting == []
     assert np.isfinite(state.pose).all()
+
+
+def frozen(drive, after_s):
+    """From some time on the camera shows the same picture, with noise; returns when, nanoseconds, and its images."""
+    begin_ns, rng = int(drive.stamps[0]) + nanoseconds(after_s), np.random.default_rng(0)
+    seen = [status for status in drive.statuses if status.stamp_ns < begin_ns]
+    last = next(status for status in reversed(seen) if status.T_keyframe_camera is not None)
+    for status in drive.statuses[len(seen) :]:
+        T = last.T_keyframe_camera.copy()
+        T[:3, 3] += 5e-5 * rng.normal(size=3)
+        seen.append(
+            dataclasses.replace(last, stamp_ns=status.stamp_ns, T_keyframe_camera=T, is_keyframe=False, keyframes=())
+        )
+    return begin_ns, dataclasses.replace(drive, statuses=seen)
+
+
+@pytest.mark.parametrize("sequence", ["loops", "straight"])
+def test_a_camera_that_shows_the_same_picture_does_not_stop_the_pose(simulate, truth, fuse, sequence):
+    """With noise it cannot be told from a robot that stands with turning wheels, but not for long."""
+    begin_ns, drive = frozen(simulate(sequence, 30.0, 2, truth()), 15.0)
+    fused = fuse(drive)
+    later = [state for state in fused.states if state.stamp_ns > begin_ns + nanoseconds(0.5)]
+    assert all(state.state is FusionState.DEGRADED for state in later)
+    first = next(state for state in fused.states if state.stamp_ns >= begin_ns)
+    moved = planar.between(first.pose, later[-1].pose)
+    by_wheels = dict(zip((state.stamp_ns for state in fused.states), fused.wheel_poses))
+    rolled = planar.between(by_wheels[first.stamp_ns], by_wheels[later[-1].stamp_ns])
+    true = planar.between(drive.pose_at(first.stamp_ns), drive.pose_at(later[-1].stamp_ns))
+    assert np.hypot(*rolled[:2]) > 1.0
+    ours, theirs = (np.hypot(*planar.between(true, motion)[:2]) for motion in (moved, rolled))
+    assert ours < theirs + 0.05
+
+
+def test_a_robot_that_stands_with_turning_wheels_slips_until_the_camera_is_doubted(simulate, truth, fuse):
+    begin_ns, drive = frozen(simulate("straight", 20.0, 2, truth()), 10.0)
+    fused = fuse(drive)
+    at_s = (begin_ns - int(drive.stamps[0])) * 1e-9
+    assert "wheels: slip" in fused.reasons(at_s + 0.5, at_s + 1.8)
+    assert fused.reasons(at_s + 2.5, at_s + 9.0) >= {
+        "camera: not used, it has shown a robot that stands while the wheels turned"
+    }
+    still = [state for state in fused.states if 0.5 < (state.stamp_ns - begin_ns) * 1e-9 < 1.8]
+    assert np.hypot(*planar.between(still[0].pose, still[-1].pose)[:2]) < 0.1
+
+
+def test_a_brief_time_without_a_pose_is_no_reason(loops, fuse):
+    """One flash; a longer time is one."""
+    hit = next(k for k, s in enumerate(loops.statuses) if s.stamp_ns > loops.stamps[0] + nanoseconds(15.0))
+    for images, expected in ((1, set()), (15, {"camera: retrying (flash)"})):
+        statuses = list(loops.statuses)
+        for k in range(hit, hit + images):
+            statuses[k] = OdometryStatus(statuses[k].stamp_ns, TrackingState.RETRYING, 0, message="flash")
+        reasons = fuse(dataclasses.replace(loops, statuses=statuses)).reasons(15.0, 15.0 + images / 30.0)
+        assert {reason for reason in reasons if "retrying" in reason} == expected
+
+
+def test_a_mount_that_is_known_late_changes_neither_pose_nor_covariance(loops, fuse):
+    late_ns, estimator, states = loops.stamps[0] + nanoseconds(10.0), FusionEstimator(without_mount(loops.robot)), []
+    mounted = False
+    for stamp_ns, is_camera, data in loops.events():
+        if not mounted and stamp_ns > late_ns:
+            estimator.mount_camera(loops.robot.T_base_camera)
+            mounted = True
+        if not is_camera:
+            states.append(estimator.add_wheel_ticks(stamp_ns, *data))
+        elif mounted:
+            estimator.add_keyframes(data)
+            estimator.add_frame(data)
+    states = [state for state in states if state is not None]
+    assert len(states) == len(loops.ticks) - 1
+    k = next(k for k, state in enumerate(states) if state.stamp_ns > late_ns)
+    sigmas = [np.sqrt(np.trace(state.covariance[:2, :2])) for state in states]
+    assert sigmas[k + 5] > 0.9 * sigmas[k - 5] > 0.0
+    jumps = [np.hypot(*planar.between(a.pose, b.pose)[:2]) for a, b in zip(states, states[1:])]
+    assert max(jumps) < 0.05
+    assert states[-1].state is FusionState.CONVERGED
+
+
+def without_mount(robot):
+    return dataclasses.replace(robot, T_base_camera=np.eye(4))
 
 
 def test_a_silent_camera_is_reported(loops, fuse):

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar, prediction
 from ceiling_dso_ros.fusion.config import WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep

@@ -10,10 +10,10 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[2].parent / "shared" / "data"))

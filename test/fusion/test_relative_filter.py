@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 

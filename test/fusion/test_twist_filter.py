@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from simulated_drive import RATE_HZ, Truth, simulate_drive, true_motion
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.config import OutputConfig, WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.twist_filter import TwistFilter
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep

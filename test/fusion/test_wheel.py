@@ -3,9 +3,9 @@ import lecture_hall
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import FINEST_RAD, Resolution, WheelMotion, WheelNoise, WheelOdometry, WheelStep
 
 TICKS, RADIUS, BASE = 4000.0, 0.1, 0.5

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Small recordings for the tests of the readers."""
+"""Small recordings for the tests of the readers; makes the helpers of this directory importable."""
+
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 WIDTH, HEIGHT, COUNT = 96, 80, 6
 STAMPS = [f"1700000001.{index:03d}042017" for index in range(0, 600, 100)]
@@ -33,3 +38,9 @@ def tum_folder(tmp_path):
     )
     (folder / "groundtruth.tum").write_text("1700000001 0 0 0 0 0 0 1\n")
     return folder
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Of a bag."""
+    return tmp_path / "tour.bag"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_conversion import write_recording_as_bag
 
-from ceiling_dso_ros.io.bag_conversion import write_recording_as_bag
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor

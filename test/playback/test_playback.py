@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso import CameraMotion
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.trajectory import read_tum

@@ -7,8 +7,8 @@ pytestmark = pytest.mark.ros
 
 from std_msgs.msg import Header  # noqa: E402
 
+from ceiling_dso_ros.dso.durations import nanoseconds  # noqa: E402
 from ceiling_dso_ros.dso.geometry import se3  # noqa: E402
-from ceiling_dso_ros.fusion.durations import nanoseconds  # noqa: E402
 from ceiling_dso_ros.msg import MotionPrediction  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
 from ceiling_dso_ros.ros.motion_predictions import stretched  # noqa: E402

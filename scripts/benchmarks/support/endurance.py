@@ -17,8 +17,8 @@ from support.table import Row
 from tqdm import tqdm
 
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.machine_speed import machine_ms

@@ -12,8 +12,8 @@ from support.memory import resident_mb
 from support.table import Row
 from tqdm import tqdm
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.experiments.kept_runs import Kept, is_missing
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "test" / "fusion"))

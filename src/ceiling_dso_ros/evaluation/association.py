@@ -6,7 +6,7 @@ from typing import Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 
 
 def associate(

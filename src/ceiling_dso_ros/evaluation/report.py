@@ -7,6 +7,7 @@ from typing import Any, Dict, Optional, Sequence, Tuple
 import numpy as np
 from tabulate import tabulate
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.evaluation.alignment import Alignment, AlignmentError, AlignmentKind, align
 from ceiling_dso_ros.evaluation.association import associate, interpolate_poses
 from ceiling_dso_ros.evaluation.errors import (
@@ -17,7 +18,6 @@ from ceiling_dso_ros.evaluation.errors import (
     relative_errors,
     rotation_errors,
 )
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.trajectory import Trajectory
 
 # Lengths of the sub-trajectories as parts of the whole path, as Zhang and Scaramuzza choose them.

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from ceiling_dso_ros import dso, simulation
 from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus
-from ceiling_dso_ros.fusion.durations import nanoseconds
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.visual_run import VisualRun

@@ -7,11 +7,11 @@ from typing import Collection, Dict, List, Sequence, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind
 from ceiling_dso_ros.evaluation.association import interpolate_poses
 from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation, evaluate_trajectory
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.stamps import LATEST_NS
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder

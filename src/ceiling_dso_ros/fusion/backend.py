@@ -7,11 +7,11 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
 from ceiling_dso_ros.fusion.motion import MOTION

@@ -7,8 +7,8 @@ from typing import Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
-from ceiling_dso_ros.fusion.durations import NANOSECONDS, nanoseconds, seconds
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
 PAIR_S = 0.4  # between the images of a pair
@@ -61,7 +61,7 @@ class WheelPath:
 
     def __init__(self, steps: Sequence[WheelStep], wheel_base_m: float) -> None:
         self.stamps_ns = np.array([steps[0].start_ns, *(step.end_ns for step in steps)], np.int64)
-        self._ages_s = (self.stamps_ns - self.stamps_ns[0]) / NANOSECONDS
+        self._ages_s = seconds(self.stamps_ns - self.stamps_ns[0])
         self._twists = np.array([step.twist for step in steps])
         self._base = wheel_base_m
 
@@ -80,7 +80,7 @@ class WheelPath:
     def motions(self, pairs: Sequence[ImagePair], offset_s: float, ratio: float, base: float) -> np.ndarray:
         """(n, 3) motion between the images of each pair, seen from the first."""
         stamps_ns = np.array([[p.start_ns, p.end_ns] for p in pairs], np.int64)
-        start_s, end_s = ((stamps_ns - self.stamps_ns[0]) / NANOSECONDS).T
+        start_s, end_s = seconds(stamps_ns - self.stamps_ns[0]).T
         first = self.poses(start_s + offset_s, ratio, base)
         second = self.poses(end_s + offset_s, ratio, base)
         c, s = np.cos(first[:, 2]), np.sin(first[:, 2])

@@ -3,8 +3,8 @@
 
 from typing import Optional
 
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS, nanoseconds
 from ceiling_dso_ros.fusion.config import SlipConfig
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds
 
 UNSEEN_NS = nanoseconds(0.3)  # a slip ends when images agree with the wheels, or when there were none for this time
 

@@ -13,6 +13,7 @@ from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
@@ -20,7 +21,6 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
 from ceiling_dso_ros.fusion.contradiction import Contradiction
-from ceiling_dso_ros.fusion.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
@@ -276,27 +276,32 @@ class FusionEstimator:
         """Compare the motion between images with the wheels, which detects slip sooner than that between keyframes."""
         if not self._frames or not self._backend.scale_known:
             return
-        newest = self._motion_since(self._frames[-1], status)
-        if newest is None:
+        seen, contradiction = self._motion_since(self._frames[-1], status), self._contradiction
+        if seen is None:
             return
-        was_doubted, judge = self._contradiction.camera_doubted, self._contradiction
-        earlier_ns = status.stamp_ns - LONG_BASELINE_NS
-        longer = next((frame for frame in self._frames if frame.stamp_ns >= earlier_ns), status)
-        if self._contradicts(newest):
-            judge.found(newest.start_ns, newest.end_ns, at_once=True)
-            output.withdraw_wheel_twist(newest.start_ns)
-        elif self._contradicts(self._motion_since(longer, status)):
-            judge.found(newest.start_ns, newest.end_ns, at_once=False)
+        was_doubted = contradiction.camera_doubted
+        if self._contradicts(seen):
+            contradiction.found(seen.start_ns, seen.end_ns, at_once=True)
+            output.withdraw_wheel_twist(seen.start_ns)
+        elif self._contradicts(self._motion_since(self._frame_before(status), status)):
+            contradiction.found(seen.start_ns, seen.end_ns, at_once=False)
         else:
-            judge.not_found()
-        if judge.camera_doubted:
-            if not was_doubted and judge.since_ns is not None and self._backend.estimate is not None:
-                self._restart(output, self._backend.estimate, judge.since_ns)
-            return
-        gap_s = seconds(newest.end_ns - newest.start_ns)
-        rate = newest.visual.base_motion(self.scale.value)[::2] / gap_s
-        sigmas = np.diag(self._sight_covariance(newest.visual))[::2] * 2.0 / gap_s**2
-        output.correct_twist(newest.start_ns, newest.end_ns, rate, np.diag(sigmas))
+            contradiction.not_found()
+        if not contradiction.camera_doubted:
+            self._correct_twist(output, seen)
+        elif not was_doubted and contradiction.since_ns is not None and self._backend.estimate is not None:
+            self._restart(output, self._backend.estimate, contradiction.since_ns)
+
+    def _frame_before(self, status: OdometryStatus) -> OdometryStatus:
+        """The oldest image that is not further back than the long baseline."""
+        earliest_ns = status.stamp_ns - LONG_BASELINE_NS
+        return next((frame for frame in self._frames if frame.stamp_ns >= earliest_ns), status)
+
+    def _correct_twist(self, output: LiveOutput, seen: _SeenMotion) -> None:
+        gap_s = seconds(seen.end_ns - seen.start_ns)
+        rate = seen.visual.base_motion(self.scale.value)[::2] / gap_s
+        variances = np.diag(self._sight_covariance(seen.visual))[::2] * 2.0 / gap_s**2
+        output.correct_twist(seen.start_ns, seen.end_ns, rate, np.diag(variances))
 
     def _motion_since(self, before: OdometryStatus, after: OdometryStatus) -> Optional[_SeenMotion]:
         """Motion between two images; None when they cannot be related, or are too far apart to be compared."""

@@ -3,11 +3,11 @@
 
 from typing import Optional, Tuple
 
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS, seconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.contradiction import Contradiction
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, seconds
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel import WheelStep
 

@@ -11,9 +11,9 @@ from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS
 
 
 class NodeLink(NamedTuple):

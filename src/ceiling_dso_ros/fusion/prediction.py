@@ -3,10 +3,10 @@
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack

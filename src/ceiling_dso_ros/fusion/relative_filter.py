@@ -8,8 +8,8 @@ from typing import Deque, List, Sequence, Union
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 
 GATE = 30.0  # chi-square of three degrees of freedom: passed by all but one in a million

@@ -7,9 +7,9 @@ from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise

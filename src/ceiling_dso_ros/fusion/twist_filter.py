@@ -8,9 +8,9 @@ from typing import Deque, Optional
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS, nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds, seconds
 from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
 
 ACCELERATION_LASTS_S = 0.3  # for how long a robot holds an acceleration: ramps of base drivers last some tenths

@@ -12,9 +12,9 @@ from typing import Callable, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
-from ceiling_dso_ros.fusion.durations import seconds
 
 INT32_RANGE = 2**32
 TURN = 2.0 * math.pi

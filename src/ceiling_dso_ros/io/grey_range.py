@@ -7,6 +7,7 @@ from typing import Callable, Deque, Optional
 import numpy as np
 
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.warning_log import ignore_warning
 
 GREY_LEVELS = 256  # what the odometry's thresholds mean
 DEPTHS = (8, 10, 12, 14, 16)  # bits of the sensors and analogue-to-digital converters that there are
@@ -38,7 +39,7 @@ class GreyRange:
     and later ones can only enlarge it. Images of 8 bits have one unit for each level.
     """
 
-    def __init__(self, bits: int = 0, tell: Optional[Callable[[str], None]] = None) -> None:
+    def __init__(self, bits: int = 0, tell: Callable[[str], None] = ignore_warning) -> None:
         """Begin.
 
         Args:
@@ -47,7 +48,7 @@ class GreyRange:
         """
         self._given = _units_of_bits(bits) if bits else None
         self._bits = bits
-        self._tell = tell if tell is not None else _ignore
+        self._tell = tell
         self._recent: Deque[float] = deque(maxlen=BELIEVED)
         self._units: Optional[float] = None  # settled
         self._was_too_bright = False
@@ -92,7 +93,3 @@ def _name(units: float) -> str:
         return "1"
     white = int(units * GREY_LEVELS)
     return f"{white - 1} ({white.bit_length() - 1} bits)"
-
-
-def _ignore(_: str) -> None:
-    pass

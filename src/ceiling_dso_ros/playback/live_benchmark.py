@@ -9,7 +9,7 @@ import numpy as np
 from tabulate import tabulate
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
-from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.io.recording import Frame
 
 TRACKING_STAGES = ("undistort", "pyramid", "initialize", "track")  # the rest is the mapping's

@@ -8,8 +8,8 @@ from typing import Any, Dict, List
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
-from ceiling_dso_ros.fusion.durations import seconds
 from ceiling_dso_ros.io.stamps import format_stamp
 
 

@@ -3,7 +3,7 @@
 
 from typing import Tuple
 
-from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.io.recording import ImageTimes, Recording, WheelSamples, WheelUnit
 
 # Exposure, transfer and driver delay an image less than this, and no camera_time_offset of a real camera is larger.

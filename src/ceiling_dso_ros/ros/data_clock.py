@@ -10,7 +10,7 @@ import bisect
 import enum
 from typing import List, NamedTuple, Optional
 
-from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.dso.durations import seconds
 
 MOST_ERAS = 100  # that are kept: stamps that are still converted are younger
 BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back; a smaller one: a sample out of order

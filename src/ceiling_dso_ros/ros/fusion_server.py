@@ -15,8 +15,8 @@ from ceiling_dso_ros.cfg import FusionConfig as FusionReconfigureConfig
 from ceiling_dso_ros.cfg import FusionOutputConfig
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.config import ConfigError
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.io.ros_messages import planar_pose

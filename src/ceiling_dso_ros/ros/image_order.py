@@ -4,7 +4,7 @@
 import time
 from typing import Callable, Optional
 
-from ceiling_dso_ros.fusion.durations import seconds
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS
 
 CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before

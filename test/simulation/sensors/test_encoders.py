@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
-from ceiling_dso_ros.fusion.durations import nanoseconds
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.robot import NOMINAL, WheelErrors

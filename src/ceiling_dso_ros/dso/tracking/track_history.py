@@ -5,6 +5,7 @@ from typing import Callable, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.images.frame import Frame
@@ -13,7 +14,6 @@ from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 
 JITTER = 0.1  # share of the time between two frames that their stamps may be off without telling of another motion
 LONGEST_STRETCH = 5.0  # a motion is taken to go on like that for so many times its own duration
-NANOSECONDS = 10**9
 # By how much the flow of a frame may differ from what was expected: by a multiple of the expected flow itself, by an
 # angle that covers vibrations, and by what the strongest acceleration makes of a constant velocity: 1 g, 1 m away.
 SURPRISING_CHANGE = 3.0
@@ -45,7 +45,6 @@ class TrackHistory:
 
     def __init__(self) -> None:
         self._poses: List[RelativePose] = []
-        self._last_ns = 0  # stamp of the last frame with a pose
         self._missed = 0  # frames without a pose since the last one with a pose
         self._T_doubtful_world: Optional[np.ndarray] = None  # pose of a frame that `doubts` was told of last
         self.affine = np.zeros(2)
@@ -55,7 +54,7 @@ class TrackHistory:
         """Take in a frame with its pose; returns T_keyframe_camera, (4, 4), on the reference's keyframe."""
         T_keyframe_camera = reference.T_camera_world @ se3.inverse(frame.T_camera_world)
         self._poses = [*self._poses[-1:], RelativePose(reference.keyframe_id, T_keyframe_camera, frame.stamp_ns)]
-        self.affine, self.rmse, self._missed, self._last_ns = frame.affine, rmse, 0, frame.stamp_ns
+        self.affine, self.rmse, self._missed = frame.affine, rmse, 0
         self._T_doubtful_world = None
         return T_keyframe_camera
 
@@ -65,7 +64,7 @@ class TrackHistory:
         It is if the last pose is not older than the patience, and always after a single such frame.
         """
         self._missed += 1
-        return self._missed == 1 or stamp_ns - self._last_ns <= patience_s * NANOSECONDS
+        return self._missed == 1 or self._since_last_s(stamp_ns) <= patience_s
 
     def begin(self, keyframe_id: int) -> None:
         """Begin with a frame that is a keyframe itself."""
@@ -101,7 +100,7 @@ class TrackHistory:
         T_last_reference, T_next_last = self._expected(reference, pose_of, stamp_ns)
         angle = SURPRISING_ANGLE
         if prediction is None:
-            angle += LARGEST_ACCELERATION * ((stamp_ns - self._last_ns) / NANOSECONDS) ** 2
+            angle += LARGEST_ACCELERATION * self._since_last_s(stamp_ns) ** 2
         most = SURPRISING_CHANGE * flow_of(T_next_last, reference) + angle * reference.intrinsics[0]
         T_frame_last = tracked.T_frame_reference @ se3.inverse(T_last_reference)
         expected = [T_next_last] if prediction is None else [T_next_last, se3.inverse(prediction.T_start_end)]
@@ -116,6 +115,11 @@ class TrackHistory:
                 return False
         self._T_doubtful_world = T_frame_world
         return True
+
+    def _since_last_s(self, stamp_ns: int) -> float:
+        """Seconds from the last frame with a pose to a stamp, 0 before there is one."""
+        last_ns = self._poses[-1].stamp_ns
+        return 0.0 if last_ns is None else seconds(stamp_ns - last_ns)
 
     def _expected(
         self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-from ceiling_dso_ros.fusion.durations import LONG_AGO_NS, nanoseconds, seconds
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS, nanoseconds, seconds
 
 
 def test_differences_of_epoch_stamps_are_the_floats_that_one_would_write():
