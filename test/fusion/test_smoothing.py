@@ -165,3 +165,13 @@ def test_a_motion_that_is_not_finite_is_an_error():
 def test_a_record_has_all_that_a_factor_takes_from_the_camera():
     """A new attribute must go into MOTION, too; these are the ones that are in it, or that no factor uses."""
     assert {field.name for field in fields(chain(2)[0][1].visual)} == {"shift", "climb", "yaw", "tilt", "lever_m"}
+
+
+def test_the_same_measurements_give_the_same_bytes_wherever_they_lie_in_memory():
+    """numpy's functions may differ in the last bit with the place of their arguments."""
+    motions, rng = measured(an_eventful_drive(150, 3)), np.random.default_rng(0)
+    kept, results = [], set()
+    for _ in range(40):
+        kept.append(np.empty(int(rng.integers(1, 5000)), np.uint8))  # so that memory is given elsewhere
+        results.add(np.array([node.pose for node in smooth(motions, config())]).tobytes())
+    assert len(results) == 1

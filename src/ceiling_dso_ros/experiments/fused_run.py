@@ -124,4 +124,5 @@ class FusedRun:
 def _in_plane(trajectory: Trajectory, stamps_ns: ArrayLike) -> np.ndarray:
     """(n, 3) x, y, yaw at n stamps."""
     T = interpolate_poses(trajectory.stamps_ns, trajectory.matrices(), np.asarray(stamps_ns, np.int64))
-    return np.column_stack([T[:, :2, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])
+    cos, sin = np.ascontiguousarray(T[:, :2, 0].T)  # or the last bit depends on its place in memory
+    return np.column_stack([T[:, :2, 3], np.arctan2(sin, cos)])

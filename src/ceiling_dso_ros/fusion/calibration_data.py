@@ -83,7 +83,8 @@ class WheelPath:
         start_s, end_s = seconds(stamps_ns - self.stamps_ns[0]).T
         first = self.poses(start_s + offset_s, ratio, base)
         second = self.poses(end_s + offset_s, ratio, base)
-        c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
+        yaw = np.ascontiguousarray(first[:, 2])  # or the last bit depends on its place in memory
+        c, s = np.cos(yaw), np.sin(yaw)
         dx, dy, turn = (second - first).T
         return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
 

@@ -126,6 +126,7 @@ class MountingProblem:
         x, y, phi = self._wheels.motions(self._pairs, offset_s, ratio, base).T
         yaw = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
         tilt = turned[:, :2, 2]
+        phi = np.ascontiguousarray(phi)  # or the last bit depends on its place in memory
         c, s = np.cos(phi), np.sin(phi)
         swing = np.column_stack([(c - 1.0) * lever[0] - s * lever[1], s * lever[0] + (c - 1.0) * lever[1]])
         shift = seen[:, :2] - units_per_m[:, None] * (np.column_stack([x, y]) + swing + self._height_m * tilt)

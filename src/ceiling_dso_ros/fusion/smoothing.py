@@ -238,9 +238,15 @@ class _Chain:
         return gradient, information
 
 
+def _cos_sin(angles: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Of (N,) angles. Where they are not contiguous, numpy's last bit depends on where they lie in memory."""
+    angles = np.ascontiguousarray(angles)
+    return np.cos(angles), np.sin(angles)
+
+
 def _turned(vectors: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """(N, 2) vectors turned by (N,) angles."""
-    cos, sin = np.cos(angles), np.sin(angles)
+    cos, sin = _cos_sin(angles)
     x, y = vectors[:, 0], vectors[:, 1]
     return np.column_stack([cos * x - sin * y, sin * x + cos * y])
 
@@ -252,7 +258,7 @@ def _quarter_turned(vectors: np.ndarray) -> np.ndarray:
 
 def _rotations(angles: np.ndarray) -> np.ndarray:
     """(N, 2, 2)."""
-    cos, sin = np.cos(angles), np.sin(angles)
+    cos, sin = _cos_sin(angles)
     return np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=-2)
 
 

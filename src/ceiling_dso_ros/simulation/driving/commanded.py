@@ -121,8 +121,7 @@ class CommandedMotion:
     def poses(self, time_s: np.ndarray) -> np.ndarray:
         """x, y, yaw (not wrapped): (N, 3) of (N,) times, cubic between the steps."""
         before, after, share = self._around(time_s)
-        rates = [np.stack([s[:, SPEED] * np.cos(s[:, YAW]), s[:, SPEED] * np.sin(s[:, YAW]), s[:, YAW_RATE]], axis=1)
-                 for s in (before, after)]  # fmt: skip
+        rates = [_velocity(state) for state in (before, after)]
         p, q = share, 1.0 - share
         return (
             (1 + 2 * p) * q**2 * before[:, :3]
@@ -151,3 +150,10 @@ class CommandedMotion:
         position = np.clip(np.atleast_1d(time_s) / STEP_S - self._first, 0.0, len(states) - 1.0)
         index = np.minimum(position.astype(np.int64), max(len(states) - 2, 0))
         return states[index], states[np.minimum(index + 1, len(states) - 1)], (position - index)[:, None]
+
+
+def _velocity(states: np.ndarray) -> np.ndarray:
+    """Of x, y and yaw, (N, 3) of (N, 10) states."""
+    yaw = np.ascontiguousarray(states[:, YAW])  # or the last bit depends on its place in memory
+    speed = states[:, SPEED]
+    return np.stack([speed * np.cos(yaw), speed * np.sin(yaw), states[:, YAW_RATE]], axis=1)

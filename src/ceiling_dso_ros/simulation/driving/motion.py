@@ -99,7 +99,8 @@ def closed_curve(point: Callable[[np.ndarray], Tuple[np.ndarray, np.ndarray]], l
     distance = np.linspace(0.0, laps * length[-1], round(laps * length[-1] / STEP_M) + 1)
     around = distance % length[-1]
     tangent = spline(around, 1)
-    yaw = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    along_x, along_y = np.ascontiguousarray(tangent.T)  # or the last bit depends on its place in memory
+    yaw = np.unwrap(np.arctan2(along_y, along_x))
     start = np.array([*xy[0], yaw[0]])
     return Path(distance, _seen_from(start, np.column_stack([spline(around), yaw])))
 
@@ -219,7 +220,8 @@ def _smoothed(progress: np.ndarray) -> np.ndarray:
 
 def transforms(poses: np.ndarray, heights: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
     """T_world_base (N, 4, 4) of x, y, yaw (N, 3), height, and tilt: Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (poses[:, 2], pitch, roll))
+    angles = np.array([poses[:, 2], pitch, roll])  # in rows, or the last bit depends on their place in memory
+    (cy, cp, cr), (sy, sp, sr) = np.cos(angles), np.sin(angles)
     T = np.zeros((len(poses), 4, 4))
     T[:, 0, 0], T[:, 0, 1], T[:, 0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
     T[:, 1, 0], T[:, 1, 1], T[:, 1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr

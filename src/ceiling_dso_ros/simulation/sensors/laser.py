@@ -40,7 +40,7 @@ class LaserScanner:
             start_s: time of the first ray.
         """
         time_s = start_s + TIME_INCREMENT_S * np.arange(len(SCAN_ANGLES))
-        x, y, yaw = motion.poses(time_s).T
+        x, y, yaw = np.ascontiguousarray(motion.poses(time_s).T)  # or the last bit depends on their place in memory
         origins = np.stack([x + T_BASE_LASER[0, 3] * np.cos(yaw), y + T_BASE_LASER[0, 3] * np.sin(yaw)], axis=1)
         rays = np.stack([np.cos(SCAN_ANGLES + yaw), np.sin(SCAN_ANGLES + yaw)], axis=1)
         ranges = self._obstacles.ranges_m(origins, rays, time_s)
