@@ -37,6 +37,13 @@ def pytest_configure(config):
         environment.delenv(name, raising=False)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Files with long tests come first: at the end, all workers are busy with short ones."""
+    long = {item.path for item in items if item.get_closest_marker("long")}
+    items.sort(key=lambda item: item.path not in long)
+
+
 @pytest.fixture
 def interruptible():
     """Python's own answer to Ctrl-C: a suite that a script started in the background inherits that it is ignored."""

@@ -164,7 +164,9 @@ def test_a_motion_that_is_not_finite_is_an_error():
 
 def test_a_record_has_all_that_a_factor_takes_from_the_camera():
     """A new attribute must go into MOTION, too; these are the ones that are in it, or that no factor uses."""
-    assert {field.name for field in fields(chain(2)[0][1].visual)} == {"shift", "climb", "yaw", "tilt", "lever_m"}
+    assert {field.name for field in fields(chain(2)[0][1].visual)} == {
+        *("shift", "climb", "yaw", "tilt", "lever_m", "covariance")
+    }
 
 
 def test_the_same_measurements_give_the_same_bytes_wherever_they_lie_in_memory():

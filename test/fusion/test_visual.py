@@ -54,3 +54,28 @@ def test_wheels_hardly_move_sideways(motion, possible):
 @pytest.mark.parametrize("wobble", [{"tilt": (0.05, 0.0)}, {"climb_m": 0.2}])
 def test_tilting_or_climbing_is_no_motion_on_a_floor(wobble):
     assert not seen((0.15, 0.0, 0.05), **wobble).on_floor(VisualConfig())
+
+
+def test_the_covariance_of_the_camera_is_that_of_the_motion_on_the_floor():
+    """Against many cameras that err by so much in their own axes."""
+    rng, motion = np.random.default_rng(2), (0.3, 0.05, 0.4)
+    root = 1e-4 * rng.normal(size=(6, 6))
+    covariance = root @ root.T
+    T = np.linalg.inv(mount()) @ planar.lift(np.array(motion)) @ mount()
+    T[:3, 3] /= SCALE
+    found = []
+    for error in rng.multivariate_normal(np.zeros(6), covariance, 4000):
+        E = np.eye(4)
+        E[:3, :3], E[:3, 3] = Rotation.from_rotvec(error[3:]).as_matrix(), error[:3]
+        erring = VisualMotion.from_camera(T @ E, mount())
+        found.append([*erring.shift, erring.yaw])
+    told = VisualMotion.from_camera(T, mount(), covariance).covariance
+    np.testing.assert_allclose(told, np.cov(np.transpose(found)), rtol=0.1, atol=0.05 * np.abs(told).max())
+
+
+def test_what_the_images_say_comes_on_top_of_the_error_model():
+    config, covariance = VisualConfig(), np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
+    T = np.eye(4)
+    without, with_it = VisualMotion.from_camera(T, mount()), VisualMotion.from_camera(T, mount(), covariance)
+    np.testing.assert_allclose(with_it.noise(config) - without.noise(config), with_it.covariance, rtol=1e-9, atol=1e-15)
+    assert np.diag(without.noise(config)) == pytest.approx(np.square([1.5e-4, 1.5e-4, 2e-4]))

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ceiling_dso_ros.fusion.config import WheelConfig
+from ceiling_dso_ros.fusion.config import VisualConfig, WheelConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
@@ -29,14 +29,14 @@ def drive(twists, true=(0.0, 0.0), rng=None, **changes):
 
 
 def learnt(intervals):
-    bias = WheelBias(NOISE, 2e-4)
+    bias = WheelBias(NOISE, VisualConfig(yaw_sigma_rad=2e-4))
     for interval in intervals:
         bias.learn(interval)
     return bias
 
 
 def test_at_first_the_wheels_are_as_configured():
-    bias = WheelBias(NOISE, 2e-4)
+    bias = WheelBias(NOISE, VisualConfig(yaw_sigma_rad=2e-4))
     np.testing.assert_array_equal(bias.constants, 0.0)
     np.testing.assert_array_equal(bias.covariance, PRIOR)
 
@@ -60,7 +60,7 @@ def test_errors_are_as_large_as_the_covariance_says():
     """Of constants that wander as they are expected to."""
     rng, runs, squares = np.random.default_rng(5), 60, []
     for _ in range(runs):
-        true, bias = rng.multivariate_normal(np.zeros(2), PRIOR), WheelBias(NOISE, 2e-4)
+        true, bias = rng.multivariate_normal(np.zeros(2), PRIOR), WheelBias(NOISE, VisualConfig(yaw_sigma_rad=2e-4))
         for k in range(80):
             twist = CURVE * [1.0, 1.0, np.sign(np.sin(0.1 * k))]
             kept = np.exp(-(twist[0] + 0.25 * abs(twist[2])) / WANDER_WAY_M)

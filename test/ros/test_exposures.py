@@ -51,10 +51,9 @@ class Silent:
     def __init__(self):
         self.now_s = 100.0
         self.waits = 0
-        self.exposures = ExposureLookup(monotonic_s=lambda: self.now_s)
-        self.exposures._condition.wait_for = self.wait_for
+        self.exposures = ExposureLookup(monotonic_s=lambda: self.now_s, wait=self.wait)
 
-    def wait_for(self, predicate, timeout_s):
+    def wait(self, predicate, timeout_s):
         if timeout_s > 0.0 and not predicate():
             self.waits += 1
             self.now_s += timeout_s

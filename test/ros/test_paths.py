@@ -42,7 +42,6 @@ class ByHand:
 def path(monkeypatch):
     monkeypatch.setattr(paths.rospy, "Publisher", FakePublisher)
     monkeypatch.setattr(paths, "Periodic", ByHand)
-    monkeypatch.setattr(paths, "PATIENCE_S", 0.0)
     return paths.PathPublisher("path", spacing=0.1, length=20)
 
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,31 @@ def test_values_come_out_as_they_went_in():
     np.testing.assert_allclose(got.T_keyframe_camera, sent.T_keyframe_camera, atol=1e-15)
     assert (got.keyframes[0].keyframe_id, got.keyframes[0].stamp_ns) == (3, sent.stamp_ns)
     np.testing.assert_allclose(got.keyframes[0].T_world_camera, sent.T_world_camera, atol=1e-15)
+
+
+def covariance():
+    root = np.random.default_rng(3).normal(size=(6, 6))
+    return root @ root.T
+
+
+def test_the_covariance_comes_out_as_it_went_in_and_none_as_none():
+    sent = replace(status(3), relative_covariance=covariance())
+    np.testing.assert_allclose(
+        status_from_message(message_of(sent), DataClock()).relative_covariance, covariance(), rtol=1e-12
+    )
+    assert status_from_message(message_of(status(3)), DataClock()).relative_covariance is None
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(float("nan"), "not finite"), (float("inf"), "not finite"), (-1.0, "negative variances")]
+)
+def test_a_covariance_that_is_none_is_refused(value, words):
+    message = message_of(replace(status(3), relative_covariance=covariance()))
+    wrong = np.reshape(message.pose[0].covariance, (6, 6)).copy()
+    wrong[0, 0] = value
+    message.pose[0].covariance = wrong.ravel().tolist()
+    with pytest.raises(ValueError, match=words):
+        status_from_message(message, DataClock())
 
 
 def test_the_window_alone():

@@ -92,15 +92,18 @@ class Segment:
             frame = replace(frame, T_camera_world=reference.T_camera_world, affine=reference.affine)
         T_keyframe_camera = self.history.remember(frame, reference, rmse)
         self.T_world_camera = se3.inverse(frame.T_camera_world)
+        # A left increment on T_camera_world is a right one on its inverse.
+        covariance = None if tracked is None else self._map_error(reference) * tracked.covariance
         return OdometryStatus(
             stamp_ns=frame.stamp_ns,
             state=TrackingState.TRACKING,
             segment=self.number,
             T_world_camera=self.T_world_camera,
-            covariance=None if tracked is None else self._covariance(frame, reference, tracked),
+            covariance=None if covariance is None else world_covariance(covariance, frame.T_camera_world),
             is_keyframe=is_keyframe,
             keyframe_id=reference.keyframe_id,
             T_keyframe_camera=T_keyframe_camera,
+            relative_covariance=covariance,
             rmse=rmse,
             **self._common(timer),
         )
@@ -116,9 +119,8 @@ class Segment:
         """Status of a frame without a pose; the message says why."""
         return OdometryStatus(stamp_ns, state, self.number, message=message, **self._common(timer))
 
-    def _covariance(self, frame: Frame, reference: TrackingReference, tracked: TrackedFrame) -> np.ndarray:
-        age = reference.keyframe_id - self.first_keyframe_id - (KEYFRAMES_OF_FIRST_MAP - 1)
-        return map_error(age) * world_covariance(tracked.covariance, frame.T_camera_world)
+    def _map_error(self, reference: TrackingReference) -> float:
+        return map_error(reference.keyframe_id - self.first_keyframe_id - (KEYFRAMES_OF_FIRST_MAP - 1))
 
     def _common(self, timer: StageTimer) -> Dict[str, Any]:
         """Fields that every status has."""

@@ -69,6 +69,8 @@ class OdometryStatus:
         active_points, candidate_points: how many the window holds.
         timing_ms: milliseconds of each stage.
         message: why there is no pose, in words; empty when tracking.
+        relative_covariance: (6, 6) float64 of (translation, rotation), right-multiplied on T_keyframe_camera, so in the
+            camera's own axes; None where it is unknown.
     """
 
     stamp_ns: int
@@ -87,3 +89,4 @@ class OdometryStatus:
     candidate_points: int = 0
     timing_ms: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
+    relative_covariance: Optional[np.ndarray] = None

@@ -42,7 +42,7 @@ class KeyframeBackend:
         self._noise = noise
         self._graph = WindowGraph(config, noise, keep_history)
         self._chain = KeyframeChain()
-        self._bias = WheelBias(noise, config.visual.yaw_sigma_rad)
+        self._bias = WheelBias(noise, config.visual)
         self.monitor = SlipMonitor(config, noise)
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
@@ -78,18 +78,21 @@ class KeyframeBackend:
             return []
         new = self._chain.update(keyframes)
         for refined in self._chain.refinements():
-            visual = self._on_floor(refined.T_before_node)
+            visual = self._on_floor(refined.T_before_node, refined.covariance)
             if visual is not None:
                 self._graph.revise(refined.node, visual=visual)
         return new
 
-    def add(self, keyframe: KeyframeEstimate, stamp_ns: int, track: WheelTrack) -> Optional[GraphEstimate]:
+    def add(
+        self, keyframe: KeyframeEstimate, stamp_ns: int, track: WheelTrack, covariance: Optional[np.ndarray] = None
+    ) -> Optional[GraphEstimate]:
         """Make a new keyframe a node.
 
         Args:
             keyframe: one of those that `refine` has returned, in their order.
             stamp_ns: of its image, on the wheels' clock.
             track: the wheel steps; they reach beyond the stamp.
+            covariance: (6, 6) of the image's pose as it was tracked, as in OdometryStatus; None where it is unknown.
 
         Returns:
             The graph's estimate at the new node; None if the wheels' motion up to it is no longer stored, so that it
@@ -98,12 +101,12 @@ class KeyframeBackend:
         wheels = track.since_mark(stamp_ns)
         if wheels is None:
             return None
-        visual = self._motion_to(keyframe)
+        visual = self._motion_to(keyframe, covariance)
         interval = self._judged(
             Interval(self._graph.newest + 1, stamp_ns, wheels, visual, self._chain.continues(keyframe))
         )
         self._append(interval, track)
-        self._chain.link(interval.end, keyframe)
+        self._chain.link(interval.end, keyframe, covariance=covariance)
         self._mend_jump(interval)
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
@@ -124,7 +127,7 @@ class KeyframeBackend:
             return
         interval = Interval(self._graph.newest + 1, stamp_ns, wheels)
         self._append(interval, track)
-        self._chain.link(interval.end, keyframe, status.T_keyframe_camera)
+        self._chain.link(interval.end, keyframe, status.T_keyframe_camera, status.relative_covariance)
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
 
@@ -135,13 +138,16 @@ class KeyframeBackend:
 
     def motion_of(self, status: OdometryStatus) -> Optional[VisualMotion]:
         """Motion of the camera from the newest node to a tracked image; None when they cannot be related."""
-        return self._on_floor(self._chain.from_newest(status.keyframe_id, status.T_keyframe_camera))
+        T = self._chain.from_newest(status.keyframe_id, status.T_keyframe_camera)
+        return self._on_floor(T, status.relative_covariance)
 
     def motion_between(self, before: OdometryStatus, after: OdometryStatus) -> Optional[VisualMotion]:
         """Motion of the camera between two tracked images; None when they cannot be related."""
         first = self._chain.from_newest(before.keyframe_id, before.T_keyframe_camera)
         second = self._chain.from_newest(after.keyframe_id, after.T_keyframe_camera)
-        return None if first is None or second is None else self._on_floor(se3.inverse(first) @ second)
+        if first is None or second is None:
+            return None
+        return self._on_floor(se3.inverse(first) @ second, after.relative_covariance)
 
     def wheels_contradict(self, wheels: WheelMotion, visual: VisualMotion) -> bool:
         """Whether the wheels slip between two images of the newest segment."""
@@ -177,17 +183,17 @@ class KeyframeBackend:
         """What the keyframes of the window have measured so far, each MOTION: it follows what was taken last."""
         return self._graph.motions()
 
-    def _motion_to(self, keyframe: KeyframeEstimate) -> Optional[VisualMotion]:
+    def _motion_to(self, keyframe: KeyframeEstimate, covariance: Optional[np.ndarray]) -> Optional[VisualMotion]:
         T = self._chain.motion_to(keyframe)
-        visual = self._on_floor(T)
+        visual = self._on_floor(T, covariance)
         self.off_floor = T is not None and visual is None
         return visual
 
-    def _on_floor(self, T: Optional[np.ndarray]) -> Optional[VisualMotion]:
-        """The camera's motion if it is possible for a robot on a floor, else None."""
+    def _on_floor(self, T: Optional[np.ndarray], covariance: Optional[np.ndarray]) -> Optional[VisualMotion]:
+        """The camera's motion, with the covariance of its end, if it is possible for a robot on a floor, else None."""
         if T is None:
             return None
-        visual, config = VisualMotion.from_camera(T, self._T_base_camera), self._config.visual
+        visual, config = VisualMotion.from_camera(T, self._T_base_camera, covariance), self._config.visual
         possible = visual.on_floor(config)
         if possible and self.scale_known and self.estimate is not None:
             possible = visual.on_wheels(math.exp(self.estimate.log_scale), config)

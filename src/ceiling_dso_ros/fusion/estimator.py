@@ -82,6 +82,7 @@ class FusionEstimator:
         self._count = itertools.count()
         self._contradiction = Contradiction(self.config.slip)
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
+        self._covariances: Deque[Tuple[int, np.ndarray]] = deque(maxlen=RECENT_FRAMES)  # by stamps of images
 
     def add_wheel_ticks(self, stamp_ns: int, left: int, right: int) -> Optional[FusedState]:
         """Add int32 encoder counters; returns the new output, None for the first sample and for a dropped one."""
@@ -97,6 +98,8 @@ class FusionEstimator:
 
     def add_keyframes(self, status: OdometryStatus) -> Optional[FusedState]:
         """Add the keyframes as refined with a status; returns an output only while the wheels are silent."""
+        if status.relative_covariance is not None:  # the image may be that of one of the keyframes, now or later
+            self._covariances.append((status.stamp_ns, status.relative_covariance))
         for keyframe in self._backend.refine(status.keyframes):
             self._wait(keyframe)
         return self._take_in(status)
@@ -247,7 +250,8 @@ class FusionEstimator:
         return self._advance(WheelStep(self._track.end_ns, now_ns, guess, known=False))
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
-        estimate = self._backend.add(keyframe, stamp_ns, self._track)
+        covariance = next((C for image_ns, C in self._covariances if image_ns == keyframe.stamp_ns), None)
+        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance)
         self._contradiction.new_keyframe(stamp_ns)
         if estimate is not None and self._backend.scale_was_known:
             self._restart(output, estimate, self._track.end_ns)
@@ -319,8 +323,8 @@ class FusionEstimator:
     def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
         """(3, 3) covariance of the base's pose as the camera measures it, metres and rad."""
         scale = self.scale.value
-        sigma_m = scale * self.config.visual.translation_sigma
-        covariance = np.diag([sigma_m, sigma_m, self.config.visual.yaw_sigma_rad]) ** 2
+        metric = np.diag([scale, scale, 1.0])
+        covariance = metric @ visual.noise(self.config.visual) @ metric
         from_scale = self._backend.log_scale_sigma * scale * (planar.rotation(-visual.yaw) @ visual.shift)
         covariance[:2, :2] += np.outer(from_scale, from_scale)
         return covariance

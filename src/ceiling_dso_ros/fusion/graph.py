@@ -83,12 +83,7 @@ class FactorBuilder:
         self._estimate_wheels = config.graph.estimate_wheels
         known = noise.constants_covariance(with_radius=False)
         self._unmodelled = np.zeros((3, 3)) if self._estimate_wheels else known
-        visual = config.visual
-        self._visual_sigmas = np.array([visual.translation_sigma, visual.translation_sigma, visual.yaw_sigma_rad])
-        self._visual_noise = gtsam.noiseModel.Robust.Create(
-            gtsam.noiseModel.mEstimator.Huber.Create(visual.robust_threshold),
-            gtsam.noiseModel.Diagonal.Sigmas(self._visual_sigmas),
-        )
+        self._huber = gtsam.noiseModel.mEstimator.Huber.Create(config.visual.robust_threshold)
 
     def first_factors(self) -> List[gtsam.NonlinearFactor]:
         """The one absolute anchor, and the priors of the constants if they are estimated."""
@@ -119,8 +114,9 @@ class FactorBuilder:
         wheel_factor = factors.calibrated_wheel_factor if self._estimate_wheels else factors.wheel_factor
         result = [wheel_factor((i, j), interval.wheels, wheel_noise), self._scale_factor(interval)]
         if interval.visual is not None:
-            keys = (i, j, scale)
-            result.append(factors.visual_factor(keys, interval.visual, self._visual_noise, self._estimate_wheels))
+            noise = gtsam.noiseModel.Gaussian.Covariance(interval.visual.noise(self._config.visual))
+            robust = gtsam.noiseModel.Robust.Create(self._huber, noise)
+            result.append(factors.visual_factor((i, j, scale), interval.visual, robust, self._estimate_wheels))
         return result
 
     def motion(self, interval: Interval, start_pose: np.ndarray) -> np.ndarray:
@@ -135,7 +131,7 @@ class FactorBuilder:
         if visual is not None:
             motion["is_seen"], motion["shift"], motion["yaw"] = True, visual.shift, visual.yaw
             motion["lever_m"], motion["swing_m"] = visual.lever_m[:2], visual.lever_m[2] * visual.tilt
-            motion["visual_covariance"] = np.diag(self._visual_sigmas**2)
+            motion["visual_covariance"] = visual.noise(self._config.visual)
         return motion
 
     @staticmethod

@@ -24,19 +24,25 @@ class NodeLink(NamedTuple):
         keyframe_id: the keyframe.
         segment: of both.
         T_keyframe_node: (4, 4) pose of the node's camera on the keyframe, VO units.
+        covariance: (6, 6) of the pose of its image as it was tracked, None where it is unknown.
     """
 
     node: int
     keyframe_id: int
     segment: int
     T_keyframe_node: np.ndarray
+    covariance: Optional[np.ndarray]
 
 
 class Refinement(NamedTuple):
-    """A refined motion: that of the camera from the keyframe before to the one of a node, (4, 4), VO units."""
+    """A refined motion: that of the camera from the keyframe before to the one of a node, (4, 4), VO units.
+
+    Its covariance is that of the node's image: the refinement makes the motion better by an unknown amount.
+    """
 
     node: int
     T_before_node: np.ndarray
+    covariance: Optional[np.ndarray]
 
 
 class KeyframeChain:
@@ -77,7 +83,7 @@ class KeyframeChain:
             if after.node == before.node + 1 and after.segment == before.segment:
                 T = self._from(before, after.keyframe_id)
                 if T is not None:
-                    yield Refinement(after.node, T @ after.T_keyframe_node)
+                    yield Refinement(after.node, T @ after.T_keyframe_node, after.covariance)
 
     def motion_to(self, keyframe: KeyframeEstimate) -> Optional[np.ndarray]:
         """T_newest_keyframe (4, 4): motion of the camera from the newest node to a new keyframe; None if not seen."""
@@ -93,10 +99,19 @@ class KeyframeChain:
         """Whether a new keyframe is of the same segment as the newest node."""
         return bool(self._links) and self._links[-1].segment == keyframe.segment
 
-    def link(self, node: int, keyframe: KeyframeEstimate, T_keyframe_node: Optional[np.ndarray] = None) -> None:
-        """Remember which node a keyframe has become, or an image that was taken at (4, 4) T_keyframe_node."""
+    def link(
+        self,
+        node: int,
+        keyframe: KeyframeEstimate,
+        T_keyframe_node: Optional[np.ndarray] = None,
+        covariance: Optional[np.ndarray] = None,
+    ) -> None:
+        """Remember which node a keyframe has become, or an image that was taken at (4, 4) T_keyframe_node.
+
+        The covariance is that of `NodeLink`.
+        """
         T = np.eye(4) if T_keyframe_node is None else T_keyframe_node
-        self._links.append(NodeLink(node, keyframe.keyframe_id, keyframe.segment, T))
+        self._links.append(NodeLink(node, keyframe.keyframe_id, keyframe.segment, T, covariance))
 
     def from_newest(self, keyframe_id: int, T_keyframe_camera: Optional[np.ndarray]) -> Optional[np.ndarray]:
         """T_newest_camera (4, 4) of a camera known relative to any keyframe of the newest node's segment; else None."""

@@ -63,13 +63,13 @@ class SlipMonitor:
         """The difference over an interval; metres per unit with their relative standard deviation."""
         config = self._config.visual
         seen = visual.base_motion(scale)
-        covariance = self._noise.covariance(wheels, self._constants)
+        covariance, of_camera = self._noise.covariance(wheels, self._constants), visual.noise(config)
         from_scale = scale_sigma * scale * np.hypot(*visual.shift)
         return Disagreement(
             planar.wrap(wheels.pose[2] - seen[2]),
             float(wheels.pose[0] - seen[0]),
-            float(covariance[2, 2] + config.yaw_sigma_rad**2),
-            float(covariance[0, 0] + (scale * config.translation_sigma) ** 2 + from_scale**2),
+            float(covariance[2, 2] + of_camera[2, 2]),
+            float(covariance[0, 0] + scale**2 * of_camera[0, 0] + from_scale**2),
             float(seen[0]),
         )
 

@@ -2,7 +2,8 @@
 """Motion of the robot in the plane between two images by the visual odometry, in VO units."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Optional
 
 import numpy as np
 
@@ -20,6 +21,7 @@ class VisualMotion:
         yaw: turn about base z, rad.
         tilt: (2,) x and y of the base's z axis after the motion, about (pitch, -roll), rad.
         lever_m: (3,) position of the camera in the base, metres.
+        covariance: (3, 3) of (shift, yaw) as the odometry computes it, units and rad; zeros where it does not.
     """
 
     shift: np.ndarray
@@ -27,15 +29,34 @@ class VisualMotion:
     yaw: float
     tilt: np.ndarray
     lever_m: np.ndarray
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
     @staticmethod
-    def from_camera(T_first_second: np.ndarray, T_base_camera: np.ndarray) -> "VisualMotion":
-        """From the (4, 4) pose of the second camera in the first, translation in VO units."""
+    def from_camera(
+        T_first_second: np.ndarray, T_base_camera: np.ndarray, covariance: Optional[np.ndarray] = None
+    ) -> "VisualMotion":
+        """From the motion of the camera.
+
+        Args:
+            T_first_second: (4, 4) pose of the second camera in the first, translation in VO units.
+            T_base_camera: (4, 4).
+            covariance: (6, 6) of (translation, rotation), right-multiplied on T_first_second; None: not known.
+        """
         R_base_camera = T_base_camera[:3, :3]
         R = R_base_camera @ T_first_second[:3, :3] @ R_base_camera.T
         t = R_base_camera @ T_first_second[:3, 3]
         yaw = math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
-        return VisualMotion(t[:2], float(t[2]), yaw, R[:2, 2], T_base_camera[:3, 3])
+        planar_covariance = np.zeros((3, 3)) if covariance is None else _on_floor(covariance, R_base_camera, yaw)
+        return VisualMotion(t[:2], float(t[2]), yaw, R[:2, 2], T_base_camera[:3, 3], planar_covariance)
+
+    def noise(self, config: VisualConfig) -> np.ndarray:
+        """(3, 3) covariance of (shift, yaw), units and rad.
+
+        The odometry's own is that of tracking one image on the map as it is; the constants are for the map's errors.
+        """
+        return (
+            np.diag([config.translation_sigma, config.translation_sigma, config.yaw_sigma_rad]) ** 2 + self.covariance
+        )
 
     def on_floor(self, config: VisualConfig) -> bool:
         """Whether the motion is possible for a robot on a floor."""
@@ -62,3 +83,11 @@ class VisualMotion:
     def base_motion(self, scale: float) -> np.ndarray:
         """(3,) pose of the base at the second image seen from the first, metres, given metres per unit."""
         return np.append(scale * self.shift - self.lever_shift(self.yaw), self.yaw)
+
+
+def _on_floor(covariance: np.ndarray, R_base_camera: np.ndarray, yaw: float) -> np.ndarray:
+    """(3, 3) of (shift, yaw) in the base at the first image, from (6, 6) in the camera's axes at the second."""
+    by_camera = np.zeros((3, 6))
+    by_camera[:2, :3] = planar.rotation(yaw) @ R_base_camera[:2]
+    by_camera[2, 3:] = R_base_camera[2]
+    return by_camera @ covariance @ by_camera.T

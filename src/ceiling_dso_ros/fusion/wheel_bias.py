@@ -15,6 +15,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 
@@ -26,12 +27,12 @@ class WheelBias:
 
     Args:
         noise: error model of the wheels; its sigmas of the constants are the initial sigmas of c.
-        yaw_sigma_rad: of the camera between two keyframes.
+        visual: error model of the camera.
     """
 
-    def __init__(self, noise: WheelNoise, yaw_sigma_rad: float) -> None:
+    def __init__(self, noise: WheelNoise, visual: VisualConfig) -> None:
         self._noise = noise
-        self._yaw_variance = yaw_sigma_rad**2
+        self._visual = visual
         self._prior = noise.constants_covariance(with_radius=False)[1:, 1:]
         self._filter = KalmanFilter(dim_x=2, dim_z=1)
         self._filter.inv = np.reciprocal  # of a (1, 1) matrix
@@ -54,7 +55,8 @@ class WheelBias:
         self._filter.predict(F=kept * np.eye(2), Q=(1.0 - kept**2) * self._prior)
         if interval.visual is None or interval.wheels_slip:
             return
-        variance = wheels.noise[2, 2] + self._noise.resolution[2, 2] + self._yaw_variance
+        of_camera = interval.visual.noise(self._visual)
+        variance = wheels.noise[2, 2] + self._noise.resolution[2, 2] + of_camera[2, 2]
         turn = planar.wrap(interval.visual.yaw - wheels.pose[2])
         self._filter.update(turn, R=variance, H=wheels.jacobian[2:, 1:])
 

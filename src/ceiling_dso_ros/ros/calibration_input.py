@@ -15,6 +15,7 @@ from ceiling_dso_ros.io.camera_info import (
 )
 from ceiling_dso_ros.io.camera_models import CameraCalibration, read_camera_file
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.ros.waiting import wait_until
 
 WARNING_PERIOD_S = 5.0
 
@@ -57,7 +58,7 @@ class CalibrationInput:
         """
         if self._of_file is not None:
             return self._of_file
-        self._received.wait(timeout_s)
+        wait_until(self._received.is_set, timeout_s)
         with self._lock:
             if image_size != self._image_size:
                 self._image_size = image_size

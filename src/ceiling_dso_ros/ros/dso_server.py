@@ -127,11 +127,10 @@ class DsoServer:
 
     def spin(self) -> None:
         """Work until the node is shut down."""
-        while not rospy.is_shutdown():
-            message = self._mailbox.take(timeout_s=0.1)
-            if message is not None:
-                with self._lock:
-                    self._process_safely(message)
+        rospy.on_shutdown(self._mailbox.close)
+        while (message := self._mailbox.take()) is not None:
+            with self._lock:
+                self._process_safely(message)
         self._scheduler.close()
         self._keeper.end()
 

@@ -11,6 +11,7 @@ class Mailbox:
     def __init__(self) -> None:
         self._condition = threading.Condition()
         self._message: Optional[Any] = None
+        self._is_closed = False
 
     def put(self, message: Any) -> bool:  # noqa: ANN401
         """Store a message; True if it replaced one that was not taken."""
@@ -20,9 +21,15 @@ class Mailbox:
             self._condition.notify()
         return replaced
 
-    def take(self, timeout_s: float) -> Optional[Any]:  # noqa: ANN401
-        """The newest message, or None when none arrives within timeout_s seconds."""
+    def take(self) -> Optional[Any]:  # noqa: ANN401
+        """Wait for a message and take the newest; None once the mailbox is closed."""
         with self._condition:
-            self._condition.wait_for(lambda: self._message is not None, timeout_s)
+            self._condition.wait_for(lambda: self._is_closed or self._message is not None)
             message, self._message = self._message, None
-        return message
+        return None if self._is_closed else message
+
+    def close(self) -> None:
+        """End all waiting."""
+        with self._condition:
+            self._is_closed = True
+            self._condition.notify_all()

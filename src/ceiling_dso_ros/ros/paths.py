@@ -17,8 +17,6 @@ from nav_msgs.msg import Path
 
 from ceiling_dso_ros.ros.periodic import Periodic
 
-PATIENCE_S = 1.0  # of the thread that waits for a pose
-
 
 class ReadyPath(Path):  # type: ignore[misc]  # ROS has no types
     """A path whose poses have been serialised."""
@@ -77,7 +75,7 @@ class PathPublisher:
         self._has_news.set()
 
     def _send(self) -> None:
-        if not self._has_news.wait(PATIENCE_S):
+        if not self._has_news.is_set():
             return
         self._has_news.clear()
         if self._publisher.get_num_connections() == 0:

@@ -2,10 +2,13 @@
 """Work beside the callbacks, such as diagnostics, display and the disk."""
 
 import threading
+import time
 import traceback
 from typing import Callable, Set, Tuple
 
 import rospy
+
+SHORTEST_S = 0.01
 
 
 class Periodic:
@@ -26,7 +29,10 @@ class Periodic:
         threading.Thread(target=self._go_on, name=name, daemon=True).start()
 
     def _go_on(self) -> None:
-        while not self._end.wait(self.period_s):
+        while True:
+            time.sleep(max(self.period_s, SHORTEST_S))  # not a wait for the end, see `waiting`
+            if self._end.is_set():
+                return
             try:
                 self._work()
             except Exception as error:

@@ -3,19 +3,22 @@
 
 from typing import List, Optional
 
+import numpy as np
+
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
-from ceiling_dso_ros.msg import Keyframe, Keyframes, VisualOdometryStatus
+from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose
 from ceiling_dso_ros.ros.data_clock import DataClock
 
 STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
+ROUNDING = 1e-9  # of a covariance, relative to its largest variance
 
 
 def status_from_message(message: VisualOdometryStatus, clock: DataClock) -> Optional[OdometryStatus]:
     """The parts of a status that the fusion needs; None for an image that the odometry did not use.
 
     Raises:
-        ValueError: a pose is not valid, or there are several.
+        ValueError: a pose or its covariance is not valid, or there are several.
     """
     if len(message.pose) > 1:
         raise ValueError(f"{len(message.pose)} poses of one image")
@@ -30,6 +33,7 @@ def status_from_message(message: VisualOdometryStatus, clock: DataClock) -> Opti
         is_keyframe=message.is_keyframe,
         keyframe_id=message.pose[0].keyframe_id if tracked else -1,
         T_keyframe_camera=matrix_from_pose(message.pose[0].pose) if tracked else None,
+        relative_covariance=_covariance(message.pose[0]) if tracked else None,
         keyframes=_keyframes(message.keyframes, clock),
         rmse=message.rmse,
         message=message.message,
@@ -46,6 +50,24 @@ def window_from_message(message: Keyframes, clock: DataClock) -> OdometryStatus:
     stamp_ns = clock.inner_ns(message.header.stamp.to_nsec())
     segment = keyframes[-1].segment if keyframes else 0
     return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, segment, keyframes=keyframes)
+
+
+def _covariance(pose: RelativePose) -> Optional[np.ndarray]:
+    """(6, 6); None where it is unknown.
+
+    Raises:
+        ValueError: it is not a covariance.
+    """
+    covariance = np.reshape(pose.covariance, (6, 6))
+    if not np.isfinite(covariance).all():
+        raise ValueError("the covariance of a pose is not finite")
+    if not covariance.any():
+        return None
+    covariance = 0.5 * (covariance + covariance.T)
+    variances = np.linalg.eigvalsh(covariance)
+    if variances[0] < -ROUNDING * variances[-1]:
+        raise ValueError("the covariance of a pose has negative variances")
+    return covariance
 
 
 def _keyframes(messages: List[Keyframe], clock: DataClock) -> tuple:
