@@ -121,11 +121,15 @@ class FakeRobot:
                     header=header,
                     state=VisualOdometryStatus.TRACKING,
                     is_keyframe=is_keyframe,
-                    pose=[RelativePose(self._reference[0], pose_from_matrix(np.linalg.inv(self._reference[1]) @ T))],
+                    pose=[self._relative(T)],
                     keyframes=self._window if is_keyframe else [],
                     camera_frame_id="camera",
                 )
             )
+
+    def _relative(self, T):
+        keyframe_id, T_keyframe = self._reference
+        return RelativePose(keyframe_id=keyframe_id, pose=pose_from_matrix(np.linalg.inv(T_keyframe) @ T))
 
 
 class Listener:

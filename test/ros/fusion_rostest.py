@@ -186,7 +186,7 @@ class Fusion(DrivingRobot):
     def test_garbage_in_the_visual_odometry(self):
         publisher = rospy.Publisher("visual_odometry/status", VisualOdometryStatus, queue_size=10)
         wait_until(lambda: publisher.get_num_connections() >= 1, "nobody listens")
-        pose = RelativePose(10**6, Pose())
+        pose = RelativePose(keyframe_id=10**6, pose=Pose())
         status = VisualOdometryStatus(header=Header(stamp=rospy.Time.now(), frame_id="vo"), state=2, pose=[pose])
         publisher.publish(status)  # a pose of zeros
         self.listener.wait_for_level("fusion_node", WARN)

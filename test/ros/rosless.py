@@ -89,6 +89,7 @@ class Rosless:
             **dict.fromkeys(("logwarn", "logerr"), log),
             **dict.fromkeys(("logwarn_throttle", "logerr_throttle"), lambda _period_s, text: log(text)),
         }
+        monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: world.is_shutdown)
         for name, stand_in in replaced.items():
             monkeypatch.setattr(rospy, name, stand_in)
         for name in ("TransformBroadcaster", "TransformListener", "Buffer"):

@@ -284,10 +284,16 @@ def test_an_image_at_the_moment_of_the_end_forgets_nothing(camera, monkeypatch):
 def test_a_wheel_sample_at_the_moment_of_the_end_is_no_error(fusion, monkeypatch):
     fusion.go_on(10)
     monkeypatch.setattr(fusion.server._publisher, "publish", closed)
-    shut = iter([False])  # not yet, when the callback begins
-    monkeypatch.setattr(rospy, "is_shutdown", lambda: next(shut, True))
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)  # before is_shutdown, which is not yet
     fusion.hear_wheels()
-    assert next(shut, None) is None
+    assert not rospy.is_shutdown()
+
+
+def test_a_topic_that_is_closed_without_an_end_is_an_error(fusion, monkeypatch):
+    fusion.go_on(10)
+    monkeypatch.setattr(fusion.server._publisher, "publish", closed)
+    with pytest.raises(rospy.ROSException, match="closed topic"):
+        fusion.hear_wheels()
 
 
 def test_a_silent_publisher_of_exposures_is_stated(camera, monkeypatch):

@@ -19,7 +19,7 @@ from ceiling_dso_ros.ros.conversions import ros_time, status_message  # noqa: E4
 from ceiling_dso_ros.ros.data_clock import DataClock  # noqa: E402
 from ceiling_dso_ros.ros.fusion_publisher import prediction_message  # noqa: E402
 from ceiling_dso_ros.ros.motion_predictions import MotionPredictions  # noqa: E402
-from ceiling_dso_ros.ros.visual_input import status_from_message  # noqa: E402
+from ceiling_dso_ros.ros.visual_input import VisualInput  # noqa: E402
 
 LATEST_ROS_NS = 2**32 * 10**9 - 1  # ROS keeps seconds in 32 bits
 ros_stamps = st.integers(0, LATEST_ROS_NS)
@@ -40,12 +40,12 @@ def test_a_status_and_its_keyframes(image_ns, keyframe_ns):
         image_ns, TrackingState.TRACKING, 0, T, keyframe_id=3, T_keyframe_camera=T, keyframes=(keyframe,)
     )
     message = status_message(Header(stamp=ros_time(image_ns), frame_id="vo"), status)
-    got = status_from_message(sent(message), DataClock())
+    got = VisualInput(DataClock()).status(sent(message))
     assert (got.stamp_ns, got.keyframes[0].stamp_ns) == (image_ns, keyframe_ns)
 
 
 def test_300_of_300_predictions_are_used_at_todays_epoch():
-    drive, predictions, clock = Drive(), MotionPredictions(), DataClock()
+    drive, predictions, visual = Drive(), MotionPredictions(), VisualInput(DataClock())
     estimator = FusionEstimator(RobotModel(np.eye(4), 0.5, (0.1, 0.1)))
     wheels = drive.wheels(drive.image_ns(400))
     wheel_ns, pose = next(wheels)
@@ -63,7 +63,7 @@ def test_300_of_300_predictions_are_used_at_todays_epoch():
             motion = predictions.between(drive.image_ns(k - 1), message.header.stamp.to_nsec(), 0)
             expected = drive.SPEED_M_S / 30 / drive.HEIGHT_M
             np.testing.assert_allclose(motion.T_start_end[:3, 3], [expected, 0.0, 0.0], atol=1e-3)
-        newest = status_from_message(message, clock)
+        newest = visual.status(message)
         estimator.add_keyframes(newest)
         estimator.add_frame(newest)
     assert (predictions.used, predictions.asked) == (300, 300)

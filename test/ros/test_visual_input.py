@@ -18,7 +18,7 @@ from ceiling_dso_ros.ros.conversions import (  # noqa: E402
     status_message,
 )
 from ceiling_dso_ros.ros.data_clock import DataClock  # noqa: E402
-from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message  # noqa: E402
+from ceiling_dso_ros.ros.visual_input import VisualInput  # noqa: E402
 
 START_NS = 1_732_800_000_123_456_789
 
@@ -39,7 +39,7 @@ def message_of(value):
 
 def test_values_come_out_as_they_went_in():
     sent = status(3, with_keyframes=True)
-    got = status_from_message(message_of(sent), DataClock())
+    got = VisualInput(DataClock()).status(message_of(sent))
     assert (got.stamp_ns, got.state, got.segment, got.keyframe_id) == (sent.stamp_ns, sent.state, 2, 7)
     np.testing.assert_allclose(got.T_keyframe_camera, sent.T_keyframe_camera, atol=1e-15)
     assert (got.keyframes[0].keyframe_id, got.keyframes[0].stamp_ns) == (3, sent.stamp_ns)
@@ -54,9 +54,9 @@ def covariance():
 def test_the_covariance_comes_out_as_it_went_in_and_none_as_none():
     sent = replace(status(3), relative_covariance=covariance())
     np.testing.assert_allclose(
-        status_from_message(message_of(sent), DataClock()).relative_covariance, covariance(), rtol=1e-12
+        VisualInput(DataClock()).status(message_of(sent)).relative_covariance, covariance(), rtol=1e-12
     )
-    assert status_from_message(message_of(status(3)), DataClock()).relative_covariance is None
+    assert VisualInput(DataClock()).status(message_of(status(3))).relative_covariance is None
 
 
 @pytest.mark.parametrize(
@@ -68,31 +68,31 @@ def test_a_covariance_that_is_none_is_refused(value, words):
     wrong[0, 0] = value
     message.pose[0].covariance = wrong.ravel().tolist()
     with pytest.raises(ValueError, match=words):
-        status_from_message(message, DataClock())
+        VisualInput(DataClock()).status(message)
 
 
 def test_the_window_alone():
     sent = status(3, with_keyframes=True)
     header = Header(stamp=ros_time(sent.stamp_ns), frame_id="vo")
-    got = window_from_message(Keyframes(header, status_message(header, sent).keyframes), DataClock())
+    got = VisualInput(DataClock()).window(Keyframes(header, status_message(header, sent).keyframes))
     assert (got.stamp_ns, got.state, got.segment) == (sent.stamp_ns, TrackingState.INITIALIZING, 2)
     assert [keyframe.keyframe_id for keyframe in got.keyframes] == [3]
 
 
 def test_an_image_that_the_odometry_did_not_use_tells_nothing():
     last = message_of(status(0))
-    assert status_from_message(no_pose_message(last.header, last, "torn"), DataClock()) is None
+    assert VisualInput(DataClock()).status(no_pose_message(last.header, last, "torn")) is None
 
 
 def test_a_pose_without_tracking_tells_nothing():
     message = message_of(status(0))
     message.state = message.LOST
-    assert status_from_message(message, DataClock()) is None
+    assert VisualInput(DataClock()).status(message) is None
 
 
 def test_a_loss_has_no_pose():
     lost = OdometryStatus(START_NS, TrackingState.LOST, 0, message="dark")
-    got = status_from_message(message_of(lost), DataClock())
+    got = VisualInput(DataClock()).status(message_of(lost))
     assert (got.state, got.message, got.T_keyframe_camera, got.keyframe_id) == (TrackingState.LOST, "dark", None, -1)
 
 
@@ -100,11 +100,11 @@ def test_garbage_is_refused():
     message = message_of(status(0))
     message.pose[0].pose.orientation.w = float("nan")
     with pytest.raises(ValueError, match="not finite"):
-        status_from_message(message, DataClock())
+        VisualInput(DataClock()).status(message)
     message = message_of(status(0))
-    message.pose.append(RelativePose(7, Pose()))
+    message.pose.append(RelativePose(keyframe_id=7, pose=Pose()))
     with pytest.raises(ValueError, match="2 poses of one image"):
-        status_from_message(message, DataClock())
+        VisualInput(DataClock()).status(message)
 
 
 def test_stamps_are_brought_onto_the_clock_of_the_wheels():
@@ -126,6 +126,32 @@ def test_stamps_are_brought_onto_the_clock_of_the_wheels():
             keyframes=(KeyframeEstimate(7, keyframe_ns, 2, np.eye(4), (0.0, 0.0), False),),
         )
     )
-    got = status_from_message(message, clock)
+    got = VisualInput(clock).status(message)
     assert got.stamp_ns == START_NS + 45_000_000
     assert got.keyframes[0].stamp_ns == keyframe_ns
+
+
+def test_a_keyframe_keeps_its_time_after_the_clock_was_set_back():
+    """By a second: 0.8 s later its stamp is nearer to now as a time after that."""
+    clock = DataClock()
+    clock.take(START_NS)
+    visual = VisualInput(clock)
+    keyframe = KeyframeEstimate(7, START_NS - 100_000_000, 2, np.eye(4), (0.0, 0.0), False)
+
+    def heard(image_ns):
+        T = np.eye(4)
+        return visual.status(
+            message_of(
+                OdometryStatus(
+                    image_ns, TrackingState.TRACKING, 2, T, keyframe_id=7, T_keyframe_camera=T, keyframes=(keyframe,)
+                )
+            )
+        )
+
+    assert heard(START_NS - 50_000_000).keyframes[0].stamp_ns == keyframe.stamp_ns
+    clock.set_back(START_NS - 980_000_000)
+    for k in range(1, 41):
+        clock.take(START_NS - 980_000_000 + k * 20_000_000)
+    later = heard(START_NS - 200_000_000)
+    assert later.stamp_ns > START_NS + 700_000_000
+    assert later.keyframes[0].stamp_ns == keyframe.stamp_ns

@@ -112,12 +112,13 @@ def unknown_covariance() -> np.ndarray:
 
 def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStatus:
     """VisualOdometryStatus of an image, its counts, times and frame left to the node."""
+    relative = status.T_keyframe_camera
     return VisualOdometryStatus(
         header=header,
         state=STATES[status.state],
         message=status.message,
         segment=status.segment,
-        pose=[] if status.T_keyframe_camera is None else [_relative_pose(status)],
+        pose=[] if relative is None else [_relative_pose(status, relative)],
         is_keyframe=status.is_keyframe,
         keyframes=[_keyframe(keyframe) for keyframe in status.keyframes],
         active_points=status.active_points,
@@ -139,9 +140,9 @@ def no_pose_message(header: Header, last: VisualOdometryStatus, message: str) ->
     )
 
 
-def _relative_pose(status: OdometryStatus) -> RelativePose:
+def _relative_pose(status: OdometryStatus, T_keyframe_camera: np.ndarray) -> RelativePose:
     covariance = np.zeros((6, 6)) if status.relative_covariance is None else status.relative_covariance
-    return RelativePose(status.keyframe_id, pose_from_matrix(status.T_keyframe_camera), covariance.ravel().tolist())
+    return RelativePose(status.keyframe_id, pose_from_matrix(T_keyframe_camera), covariance.ravel().tolist())
 
 
 def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:

@@ -38,7 +38,7 @@ from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_trigger
 from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
-from ceiling_dso_ros.ros.visual_input import status_from_message, window_from_message
+from ceiling_dso_ros.ros.visual_input import VisualInput
 from ceiling_dso_ros.srv import SetPose, SetPoseRequest, SetPoseResponse
 
 QUEUE_SIZE = 200  # every wheel sample and every image counts
@@ -91,6 +91,7 @@ class FusionServer:
         self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
         self._clock = RunClock()  # clock of the wheels, to which the images' stamps are converted
         self._order = ImageOrder(self._clock.is_simulated)
+        self._visual = VisualInput(self._clock)
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
         self._mount = CameraMount(self._base_frame, camera_frame, robot.T_base_camera if has_camera else None)
@@ -128,6 +129,7 @@ class FusionServer:
         self._keeper.clear()
         self._clock.reset()
         self._order.reset()
+        self._visual.reset()
         self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
         self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
@@ -171,7 +173,7 @@ class FusionServer:
             self._mount.name_frame(message.camera_frame_id)
             self._publisher.visual_frame = message.header.frame_id
             try:
-                status = status_from_message(message, self._clock)
+                status = self._visual.status(message)
             except ValueError as error:
                 self._images.complain(str(error))
                 return
@@ -196,7 +198,7 @@ class FusionServer:
         if self._window is not None:  # all further ones come with their statuses
             return
         try:
-            window = window_from_message(message, self._clock)
+            window = self._visual.window(message)
         except ValueError as error:
             self._images.complain(str(error))
             return

@@ -35,7 +35,7 @@ def publishing() -> Iterator[None]:
     try:
         yield
     except rospy.ROSException:
-        if not rospy.is_shutdown():
+        if not rospy.core.is_shutdown_requested():
             raise
 
 

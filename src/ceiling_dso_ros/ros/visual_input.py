@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Converts messages of the visual odometry into statuses, with stamps on the fusion's clock."""
 
-from typing import List, Optional
+from typing import Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,42 +14,75 @@ STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
 ROUNDING = 1e-9  # of a covariance, relative to its largest variance
 
 
-def status_from_message(message: VisualOdometryStatus, clock: DataClock) -> Optional[OdometryStatus]:
-    """The parts of a status that the fusion needs; None for an image that the odometry did not use.
+class VisualInput:
+    """Converts the messages of one run.
 
-    Raises:
-        ValueError: a pose or its covariance is not valid, or there are several.
+    A stamp of a keyframe is converted when it is heard of for the first time, soon after its image, and keeps its time
+    from then on. Later, when the clock has been set back, the same stamp could as well mean a time after that.
+
+    Args:
+        clock: of the wheels.
     """
-    if len(message.pose) > 1:
-        raise ValueError(f"{len(message.pose)} poses of one image")
-    state = STATE_OF_NUMBER.get(message.state, TrackingState.INITIALIZING)
-    tracked = state is TrackingState.TRACKING
-    if tracked != bool(message.pose):
-        return None
-    return OdometryStatus(
-        stamp_ns=clock.inner_ns(message.header.stamp.to_nsec()),
-        state=state,
-        segment=message.segment,
-        is_keyframe=message.is_keyframe,
-        keyframe_id=message.pose[0].keyframe_id if tracked else -1,
-        T_keyframe_camera=matrix_from_pose(message.pose[0].pose) if tracked else None,
-        relative_covariance=_covariance(message.pose[0]) if tracked else None,
-        keyframes=_keyframes(message.keyframes, clock),
-        rmse=message.rmse,
-        message=message.message,
-    )
 
+    def __init__(self, clock: DataClock) -> None:
+        self._clock = clock
+        self._inner_ns: Dict[Tuple[int, int], int] = {}  # by id and stamp of a keyframe of the newest window
 
-def window_from_message(message: Keyframes, clock: DataClock) -> OdometryStatus:
-    """The window alone, without a pose of an image.
+    def reset(self) -> None:
+        """Begin a run."""
+        self._inner_ns = {}
 
-    Raises:
-        ValueError: a pose is not valid.
-    """
-    keyframes = _keyframes(message.keyframes, clock)
-    stamp_ns = clock.inner_ns(message.header.stamp.to_nsec())
-    segment = keyframes[-1].segment if keyframes else 0
-    return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, segment, keyframes=keyframes)
+    def status(self, message: VisualOdometryStatus) -> Optional[OdometryStatus]:
+        """The parts of a status that the fusion needs; None for an image that the odometry did not use.
+
+        Raises:
+            ValueError: a pose or its covariance is not valid, or there are several.
+        """
+        if len(message.pose) > 1:
+            raise ValueError(f"{len(message.pose)} poses of one image")
+        state = STATE_OF_NUMBER.get(message.state, TrackingState.INITIALIZING)
+        tracked = state is TrackingState.TRACKING
+        if tracked != bool(message.pose):
+            return None
+        return OdometryStatus(
+            stamp_ns=self._clock.inner_ns(message.header.stamp.to_nsec()),
+            state=state,
+            segment=message.segment,
+            is_keyframe=message.is_keyframe,
+            keyframe_id=message.pose[0].keyframe_id if tracked else -1,
+            T_keyframe_camera=matrix_from_pose(message.pose[0].pose) if tracked else None,
+            relative_covariance=_covariance(message.pose[0]) if tracked else None,
+            keyframes=self._keyframes(message.keyframes),
+            rmse=message.rmse,
+            message=message.message,
+        )
+
+    def window(self, message: Keyframes) -> OdometryStatus:
+        """The window alone, without a pose of an image.
+
+        Raises:
+            ValueError: a pose is not valid.
+        """
+        keyframes = self._keyframes(message.keyframes)
+        stamp_ns = self._clock.inner_ns(message.header.stamp.to_nsec())
+        segment = keyframes[-1].segment if keyframes else 0
+        return OdometryStatus(stamp_ns, TrackingState.INITIALIZING, segment, keyframes=keyframes)
+
+    def _keyframes(self, messages: Sequence[Keyframe]) -> Tuple[KeyframeEstimate, ...]:
+        if messages:
+            names = [(message.id, message.stamp.to_nsec()) for message in messages]
+            self._inner_ns = {name: self._inner_ns.get(name, self._clock.inner_ns(name[1])) for name in names}
+        return tuple(self._keyframe(message) for message in messages)
+
+    def _keyframe(self, message: Keyframe) -> KeyframeEstimate:
+        return KeyframeEstimate(
+            keyframe_id=message.id,
+            stamp_ns=self._inner_ns[message.id, message.stamp.to_nsec()],
+            segment=message.segment,
+            T_world_camera=matrix_from_pose(message.pose),
+            affine=(message.affine_a, message.affine_b),
+            leaves=message.leaves,
+        )
 
 
 def _covariance(pose: RelativePose) -> Optional[np.ndarray]:
@@ -68,18 +101,3 @@ def _covariance(pose: RelativePose) -> Optional[np.ndarray]:
     if variances[0] < -ROUNDING * variances[-1]:
         raise ValueError("the covariance of a pose has negative variances")
     return covariance
-
-
-def _keyframes(messages: List[Keyframe], clock: DataClock) -> tuple:
-    return tuple(_keyframe(message, clock) for message in messages)
-
-
-def _keyframe(message: Keyframe, clock: DataClock) -> KeyframeEstimate:
-    return KeyframeEstimate(
-        keyframe_id=message.id,
-        stamp_ns=clock.inner_ns(message.stamp.to_nsec()),
-        segment=message.segment,
-        T_world_camera=matrix_from_pose(message.pose),
-        affine=(message.affine_a, message.affine_b),
-        leaves=message.leaves,
-    )

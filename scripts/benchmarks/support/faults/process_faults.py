@@ -6,6 +6,7 @@ from typing import Callable, Dict
 
 from support.faults.live import Live
 from support.faults.outcome import Fault
+from support.faults.wheel_faults import SILENCE_GAP_S
 
 GROUP = "processes"
 
@@ -74,6 +75,7 @@ FAULTS: Dict[str, Fault] = {
         killed("wheel_odometry_node"),
         "silent|wheels",
         1.2,
+        gap_s=SILENCE_GAP_S,
         ends=("wheel_odometry_node",),
     ),
     "kill_fusion": Fault(

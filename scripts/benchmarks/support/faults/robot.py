@@ -5,7 +5,7 @@ import threading
 import time
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Callable, Dict, Iterable, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, Optional, Tuple, TypeVar
 
 import numpy as np
 import rospy
@@ -20,6 +20,7 @@ from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.msg import Exposure
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
 
+AnySample = TypeVar("AnySample", Picture, Angles)
 PictureHook = Callable[[Picture], Iterable[Picture]]
 AnglesHook = Callable[[Angles], Iterable[Angles]]
 CAMERA_FRAME = "camera_up_optical_frame"
@@ -28,12 +29,12 @@ NOISE_GREY = 1.5  # of the pixels while the robot stands, grey levels
 SIMULATED_START_NS = 1_000_000_000_000
 
 
-def unchanged(sample: Sample) -> Iterable[Sample]:
+def unchanged(sample: AnySample) -> Iterable[AnySample]:
     """A hook that does nothing."""
     return (sample,)
 
 
-def silent(_: Sample) -> Iterable[Sample]:
+def silent(_: AnySample) -> Iterable[AnySample]:
     """A hook that sends nothing."""
     return ()
 
@@ -66,8 +67,9 @@ class LiveRobot:
         self.camera_info = _camera_info(drive)
         self.rate = rate
         self._drive, self._noise = drive, np.random.default_rng(0)
-        self._on_picture: PictureHook = unchanged  # type: ignore[assignment]
-        self._usual_angles = self._on_angles = unchanged  # type: AnglesHook
+        self._on_picture: PictureHook = unchanged
+        self._on_angles: AnglesHook = unchanged
+        self._usual_angles: AnglesHook = unchanged
         self._clock = rospy.Publisher("/clock", Clock, queue_size=100) if simulated_clock else None
         self._clock_shift_ns, self._paused_s, self._is_paused = 0, 0.0, False
         self._images = rospy.Publisher("camera/up/image_raw", Image, queue_size=100)
@@ -109,7 +111,7 @@ class LiveRobot:
         try:
             yield
         finally:
-            self._on_picture = unchanged  # type: ignore[assignment]
+            self._on_picture = unchanged
 
     @contextmanager
     def wheels(self, hook: AnglesHook) -> Iterator[None]:

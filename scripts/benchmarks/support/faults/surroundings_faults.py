@@ -2,7 +2,7 @@
 """What happens around the robot: covers, hands, darkness, lamps."""
 
 import itertools
-from typing import Callable, Dict, Iterable
+from typing import Any, Callable, Dict, Iterable
 
 import cv2
 import numpy as np
@@ -31,12 +31,12 @@ class Hand:
         """See the class."""
         number = next(self._numbers)
         height, width = picture.pixels.shape
-        mask = np.zeros((height, width), np.uint8)
+        mask: Any = np.zeros((height, width), np.uint8)
         centre = (int(width * (0.35 + 0.25 * np.sin(0.3 * number))), int(height * (0.5 + 0.2 * np.cos(0.23 * number))))
-        cv2.ellipse(mask, centre, (width // 3, height // 2), 20, 0, 360, 255, -1)
+        cv2.ellipse(mask, (centre, (2 * (width // 3), 2 * (height // 2)), 20.0), (255.0,), -1)
         for finger in range(4):
             tip = (centre[0] + width // 3, centre[1] - height // 3 + finger * height // 5)
-            cv2.line(mask, centre, tip, 255, height // 9)
+            cv2.line(mask, centre, tip, (255.0,), height // 9)
         share = cv2.GaussianBlur(mask, (0, 0), 4.0) / 255.0
         return picture.showing(picture.pixels * (1.0 - share) + 25.0 * share)
 

@@ -8,7 +8,7 @@ import sys
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Optional, Sequence, TextIO
+from typing import Any, Callable, Dict, Iterator, Optional, Sequence, TextIO, Union
 from xmlrpc.client import ServerProxy
 
 import numpy as np
@@ -75,6 +75,9 @@ class LiveSystem:
         self._log, self._prefix = log, list(prefix)
         self._port = environment["ROS_MASTER_URI"].rpartition(":")[2]
         self._arguments = [f"{name}:={value}" for name, value in {"respawn": "true", **arguments}.items()]
+        self._master: Any = ServerProxy(
+            environment["ROS_MASTER_URI"]
+        )  # untyped: it has whatever methods the master has
         self._stack = ExitStack()
         self._core: Optional[subprocess.Popen] = None
         self.killed: Dict[str, int] = {}  # node -> its process that has been killed
@@ -89,11 +92,10 @@ class LiveSystem:
     def start_core(self) -> None:
         """Start roscore, and wait until it answers."""
         self._core = self._run(["roscore", "-p", self._port])
-        master = ServerProxy(self.environment["ROS_MASTER_URI"])
 
         def answers() -> bool:
             try:
-                return bool(master.getPid("/faults")[0] == 1)
+                return bool(self._master.getPid("/faults")[0] == 1)
             except OSError:
                 return False
 
@@ -110,15 +112,16 @@ class LiveSystem:
         command = ["roslaunch", "ceiling_dso_ros", "ceiling_odometry.launch", *self._arguments, *arguments]
         return self._run([*self._prefix, *command])
 
-    def set_parameter(self, name: str, value: object) -> None:
+    def set_parameter(self, name: str, value: Union[bool, int, float, str]) -> None:
         """Set a parameter, before the nodes start."""
-        ServerProxy(self.environment["ROS_MASTER_URI"], allow_none=True).setParam("/faults", name, value)
+        self._master.setParam("/faults", name, value)
 
     def pid(self, node: str) -> Optional[int]:
         """A node's process, None if it does not answer."""
         try:
-            uri = ServerProxy(self.environment["ROS_MASTER_URI"]).lookupNode("/faults", f"/{node}")[2]
-            return int(ServerProxy(uri).getPid("/faults")[2])
+            uri = self._master.lookupNode("/faults", f"/{node}")[2]
+            proxy: Any = ServerProxy(uri)
+            return int(proxy.getPid("/faults")[2])
         except (OSError, ValueError, TypeError):
             return None
 

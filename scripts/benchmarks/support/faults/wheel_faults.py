@@ -15,6 +15,7 @@ from support.faults.outcome import Fault
 from support.faults.robot import silent
 
 GROUP = "wheels"
+SILENCE_GAP_S = 0.75  # after 0.5 s without a sample the camera goes on alone, with its next image
 
 
 def during(seconds: float, hook: Callable[[Angles], Iterable[Angles]]) -> Callable[[Live], None]:
@@ -160,7 +161,9 @@ def foreign_odometry(live: Live) -> None:
 
 
 FAULTS: Dict[str, Fault] = {
-    "wheels_silent": Fault(GROUP, "no wheel sample for 2 s", during(2.0, silent), "silent|no wheel", 1.2),
+    "wheels_silent": Fault(
+        GROUP, "no wheel sample for 2 s", during(2.0, silent), "silent|no wheel", 1.2, gap_s=SILENCE_GAP_S
+    ),
     "wheel_stuck": Fault(GROUP, "the left encoder is stuck for 3 s", stuck(0), "wheels", 1.5),
     "wheels_stuck": Fault(GROUP, "both encoders are stuck for 3 s", stuck(0, 1), "wheels", 1.5),
     "wheel_slips": Fault(GROUP, "the left wheel slips for 1 s, by 5 rad", slipping, "slip", 1.0),
@@ -174,6 +177,7 @@ FAULTS: Dict[str, Fault] = {
         during(1.0, lambda a: [replace(a, names=("elbow", "wrist"))]),
         "joint|silent",
         1.2,
+        gap_s=SILENCE_GAP_S,
     ),
     "twice": Fault(GROUP, "every sample comes twice for 3 s", during(3.0, lambda a: [a, a])),
     "ten_hertz": Fault(GROUP, "10 samples a second for 5 s", rarely),
