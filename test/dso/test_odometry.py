@@ -90,6 +90,7 @@ def test_repeating_gives_the_same_bytes(flight, images):
     same(flight, run(DirectOdometry(CAMERA, CONFIG), images))
 
 
+@pytest.mark.long
 def test_threads_of_the_linear_algebra_do_not_change_a_byte():
     """Its summation order depends on their number, hence on the processor."""
     script = (

@@ -61,6 +61,7 @@ def test_loops_give_everything_from_any_guess(result_of, seed, guess_deg):
     assert found["wheel base"].value == pytest.approx(BASE_M, rel=0.002)
 
 
+@pytest.mark.long
 def test_standard_deviations_are_about_the_errors(result_of):
     errors = [
         (value.value - TRUE[value.name]) / value.sigma

@@ -101,6 +101,7 @@ def test_set_pose_moves_the_output_and_goes_on_from_there(loops):
     )
 
 
+@pytest.mark.long
 def test_reset_begins_anew(loops, fuse, fused):
     estimator = FusionEstimator(loops.robot, keep_history=True)
     for _ in range(2):
@@ -156,6 +157,7 @@ def test_repeated_and_disordered_images_are_no_harm(loops, fuse, fused):
     assert np.abs(np.array(poses)[:, :2] - fused.poses[:, :2]).max() < 0.02
 
 
+@pytest.mark.long
 def test_an_odometry_that_is_reset_begins_a_new_segment(simulate, truth, fuse):
     """Its keyframes count from 0 again."""
     drive = simulate("loops", 30.0, 9, truth(losses=((14.0, 15.0),)))

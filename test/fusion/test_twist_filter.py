@@ -123,6 +123,7 @@ def at(true, times_s):
 SLIPS = ((15.0, 16.0), (27.0, 28.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "slips"), [("stop_and_go", SLIPS), ("square", ()), ("loops", ())])
 def test_with_late_images_the_twist_does_not_lag_and_is_as_certain_as_it_says(name, slips):
     times_s, twists, sigmas, true = driven(name, slips)

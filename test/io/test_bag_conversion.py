@@ -76,6 +76,7 @@ def test_unreadable_images_are_left_out(tum_folder, tmp_path):
     assert len(bag) == len(open_recording(tum_folder)) - 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["tum_fr1_xyz", "ceiling_loops"])
 def test_real_recordings(tmp_path, name):
     if not (DATA / name).is_dir():

@@ -34,6 +34,7 @@ def ceiling(request):
     return request.param, hall, build_scene(hall, SMALL.lens.fx, 3)
 
 
+@pytest.mark.long
 def test_a_hall_is_closed(ceiling):
     _, _, scene = ceiling
     renderer = Renderer(scene, SMALL.pinhole)
@@ -53,6 +54,7 @@ def test_ceilings_look_like_ceilings(ceiling):
     assert np.percentile(contrast, 99.5) > (4.0 if name == "plaster" else 15.0), "but there is something to see"
 
 
+@pytest.mark.long
 def test_a_ceiling_is_the_same_at_every_resolution(ceiling):
     _, hall, scene = ceiling
     double = CameraModel(width=424, height=240)
