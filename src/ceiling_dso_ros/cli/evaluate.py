@@ -3,21 +3,25 @@
 
 import argparse
 import json
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Dict, List, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Sequence
 
 from ceiling_dso_ros.cli.recording_options import warn
+from ceiling_dso_ros.dso.durations import NANOSECONDS
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
+    from ceiling_dso_ros.evaluation.time_offset import TimeOffset
     from ceiling_dso_ros.io.trajectory import Trajectory
 
 # File -> alignment. The camera alone has no metric scale; trajectories with wheels are metric and planar.
 TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
 OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
+FARTHEST_S = 4 * 10**9  # from a clock that begins with zero to that of any computer
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -56,26 +60,40 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         action="store_true",
         help="interpolate the reference at the stamps of the estimate instead of using its nearest poses",
     )
+    parser.add_argument(
+        "--time-offset",
+        metavar="S",
+        type=_offset_ns,
+        help="seconds to add to the stamps of DIR/*.tum: positive if the reference is stamped too late, negative if it is "
+        "stamped too early (default: 0, and the offset is estimated and reported)",
+    )
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Evaluate every trajectory there is; those that cannot be compared are said and left out.
+    """Evaluate every trajectory there is; what cannot be compared is said and left out.
 
     Raises:
         InputError: missing or unreadable files, no trajectory that can be compared, or an unwritable folder.
     """
     from ceiling_dso_ros.evaluation.report import tables
+    from ceiling_dso_ros.evaluation.time_offset import estimate_time_offset
     from ceiling_dso_ros.io.trajectory import read_tum
 
     directory = options.directory
-    references = {path: read_tum(path) for path in (options.reference, _base_reference(options))}
+    warnings: List[str] = []
+
+    def tell(text: str) -> None:
+        warnings.append(text)
+        warn(text)
+
+    references = {path: read_tum(path, tell) for path in {options.reference: None, _base_reference(options): None}}
     estimates: Dict[str, Trajectory] = {}
     evaluations: List[TrajectoryEvaluation] = []
     left_out: Dict[str, InputError] = {}
     for name, path in _find_trajectories(directory).items():
         try:
-            estimate = read_tum(path)
+            estimate = read_tum(path, tell).shifted(options.time_offset or 0)
             evaluations.append(_evaluate(name, estimate, references, options))
             estimates[name] = estimate
         except InputError as error:
@@ -83,16 +101,36 @@ def execute(options: argparse.Namespace) -> None:
     if not evaluations:
         raise next(iter(left_out.values()))
     for reason in left_out.values():
-        warn(f"{reason}; left out")
+        tell(f"{reason}; left out")
+    offsets: Dict[str, TimeOffset] = {}
+    if options.time_offset is None:
+        offsets = {
+            name: estimate_time_offset(estimate, references[_reference_of(name, options)])
+            for name, estimate in estimates.items()
+        }
+    _warn_of_offsets(offsets, options, tell)
     used = {_reference_of(name, options): None for name in estimates}  # a dict keeps their order
     start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
     end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
     drawn = [_positions(references[path], start_ns, end_ns) for path in used]
-    _write(directory, options, drawn, evaluations, {name: str(reason) for name, reason in left_out.items()})
+    numbers = {
+        "reference": str(options.reference),
+        "base_reference": str(_base_reference(options)),
+        "max_difference_s": options.max_difference,
+        "interpolated": options.interpolate,
+        "time_offset_s": (options.time_offset or 0) / NANOSECONDS,
+        "trajectories": {each.name: each.numbers() for each in evaluations},
+        "time_offsets": {name: offset.numbers() for name, offset in offsets.items()},
+        "left_out": {name: str(reason) for name, reason in left_out.items()},
+        "warnings": warnings,
+    }
+    _write(directory, numbers, drawn, evaluations)
     print(tables(evaluations))
     for each in evaluations:
-        if each.pairs < each.poses:
-            print(f"{each.name}: {each.poses - each.pairs} of {each.poses} poses have no partner in the reference")
+        for line in each.coverage.describe(each.name, options.max_difference):
+            print(line)
+    for name, offset in offsets.items():
+        print(f"{name}: time offset of the reference {'not known: ' if offset.unknown else ''}{offset}")
     for path in used:
         print(f"{', '.join(name for name in estimates if _reference_of(name, options) == path)}: against {path}")
 
@@ -111,23 +149,33 @@ def _evaluate(
         raise InputError(f"{options.directory / name}.tum against {path}: {error}") from error
 
 
+def _warn_of_offsets(
+    offsets: Mapping[str, "TimeOffset"], options: argparse.Namespace, tell: Callable[[str], None]
+) -> None:
+    """One line for each reference whose clock is not that of the trajectories."""
+    for path in {_reference_of(name, options): None for name in offsets}:
+        found = {
+            name: offset
+            for name, offset in offsets.items()
+            if offset.significant and _reference_of(name, options) == path
+        }
+        if found:
+            best = min(found.values(), key=lambda offset: offset.sigma_s)
+            tell(
+                f"{path}: is stamped {'later' if best.value_s > 0 else 'earlier'} than "
+                f"{', '.join(f'{name} ({offset})' for name, offset in found.items())}; nothing is corrected without "
+                f"--time-offset {best.value_s:.3f}"
+            )
+
+
 def _write(
     directory: Path,
-    options: argparse.Namespace,
+    numbers: Dict[str, Any],
     references_m: Sequence["np.ndarray"],
     evaluations: Sequence["TrajectoryEvaluation"],
-    left_out: Dict[str, str],
 ) -> None:
     from ceiling_dso_ros.evaluation.figures import write_figures
 
-    numbers = {
-        "reference": str(options.reference),
-        "base_reference": str(_base_reference(options)),
-        "max_difference_s": options.max_difference,
-        "interpolated": options.interpolate,
-        "trajectories": {evaluation.name: evaluation.numbers() for evaluation in evaluations},
-        "left_out": left_out,
-    }
     try:
         (directory / "evaluation.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
         write_figures(directory, references_m, evaluations)
@@ -168,3 +216,14 @@ def _seconds(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number of seconds")
     return value
+
+
+def _offset_ns(text: str) -> int:
+    """Exact nanoseconds: an offset may be that of a clock that begins with zero to today's."""
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal("nan")
+    if not (value.is_finite() and abs(value) <= FARTHEST_S):
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds between -{FARTHEST_S} and {FARTHEST_S}")
+    return int((value * NANOSECONDS).to_integral_value())
