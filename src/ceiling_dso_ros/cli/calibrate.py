@@ -5,9 +5,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Iterator
 
+from ceiling_dso_ros.cli.outputs import require_output_file
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.dso import OdometryStatus
@@ -35,8 +36,8 @@ def execute(options: argparse.Namespace) -> None:
     """Calibrate, print a table and write the yaml file.
 
     Raises:
-        InputError: unreadable recording, no wheels in it, or too little motion.
-        OutputError: the result cannot be written.
+        InputError: unreadable recording, no wheels in it, too little motion, or a file that cannot be written.
+        OutputError: the result cannot be written; it is printed.
     """
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
@@ -44,10 +45,12 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
     from ceiling_dso_ros.io.recording import WheelUnit
+    from ceiling_dso_ros.io.replacing import replace_file
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import robot_model
     from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
+    require_output_file(options.out)
     warnings = WarningLog(warn)
     recording = open_with(options, warnings)
     wheels, description = require_usable(recording)
@@ -62,9 +65,7 @@ def execute(options: argparse.Namespace) -> None:
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
     try:
-        options.out.write_text(_yaml(calibration, options.input))
-    except OSError as error:
-        raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
+        replace_file(options.out, _yaml(calibration, options.input).encode(), "the calibration")
     finally:
         print(_table(calibration))
 

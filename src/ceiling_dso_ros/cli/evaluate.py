@@ -5,10 +5,10 @@ import argparse
 import json
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Sequence
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Sequence
 
+from ceiling_dso_ros.cli.outputs import require_output_folder
 from ceiling_dso_ros.cli.recording_options import warn
-from ceiling_dso_ros.dso.durations import NANOSECONDS
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # File -> alignment. The camera alone has no metric scale; trajectories with wheels are metric and planar.
 TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
 OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
+NUMBERS = "evaluation.json"
 FARTHEST_S = 4 * 10**9  # from a clock that begins with zero to that of any computer
 
 
@@ -64,9 +65,11 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "--time-offset",
         metavar="S",
         type=_offset_ns,
-        help="seconds to add to the stamps of DIR/*.tum: positive if the reference is stamped too late, negative if it is "
-        "stamped too early (default: 0, and the offset is estimated and reported)",
+        help="seconds that are added to the stamps of DIR/*.tum: "
+        "positive if the reference is stamped too late, negative if too "
+        "early (default: 0, and the offset is estimated and reported)",
     )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder for evaluation.json and figures (default: DIR)")
     parser.set_defaults(execute=execute)
 
 
@@ -75,12 +78,18 @@ def execute(options: argparse.Namespace) -> None:
 
     Raises:
         InputError: missing or unreadable files, no trajectory that can be compared, or an unwritable folder.
+        OutputError: some files cannot be written; the others are, and the errors are printed.
     """
+    from ceiling_dso_ros.evaluation.figures import FILES, figure_writers
     from ceiling_dso_ros.evaluation.report import tables
     from ceiling_dso_ros.evaluation.time_offset import estimate_time_offset
+    from ceiling_dso_ros.io.replacing import replace_file, write_each
+    from ceiling_dso_ros.io.stamps import NANOSECONDS
     from ceiling_dso_ros.io.trajectory import read_tum
 
-    directory = options.directory
+    trajectories = _find_trajectories(options.directory)
+    out = options.out or options.directory
+    require_output_folder(out, [NUMBERS, *FILES])
     warnings: List[str] = []
 
     def tell(text: str) -> None:
@@ -91,7 +100,7 @@ def execute(options: argparse.Namespace) -> None:
     estimates: Dict[str, Trajectory] = {}
     evaluations: List[TrajectoryEvaluation] = []
     left_out: Dict[str, InputError] = {}
-    for name, path in _find_trajectories(directory).items():
+    for name, path in trajectories.items():
         try:
             estimate = read_tum(path, tell).shifted(options.time_offset or 0)
             evaluations.append(_evaluate(name, estimate, references, options))
@@ -109,10 +118,6 @@ def execute(options: argparse.Namespace) -> None:
             for name, estimate in estimates.items()
         }
     _warn_of_offsets(offsets, options, tell)
-    used = {_reference_of(name, options): None for name in estimates}  # a dict keeps their order
-    start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
-    end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
-    drawn = [_positions(references[path], start_ns, end_ns) for path in used]
     numbers = {
         "reference": str(options.reference),
         "base_reference": str(_base_reference(options)),
@@ -124,15 +129,13 @@ def execute(options: argparse.Namespace) -> None:
         "left_out": {name: str(reason) for name, reason in left_out.items()},
         "warnings": warnings,
     }
-    _write(directory, numbers, drawn, evaluations)
-    print(tables(evaluations))
-    for each in evaluations:
-        for line in each.coverage.describe(each.name, options.max_difference):
-            print(line)
-    for name, offset in offsets.items():
-        print(f"{name}: time offset of the reference {'not known: ' if offset.unknown else ''}{offset}")
-    for path in used:
-        print(f"{', '.join(name for name in estimates if _reference_of(name, options) == path)}: against {path}")
+    content = (json.dumps(numbers, indent=2, allow_nan=False) + "\n").encode()
+    figures = figure_writers(_drawn(estimates, references, options), evaluations)
+    try:
+        write_each(out, {NUMBERS: lambda path: replace_file(path, content, "the numbers"), **figures})
+    finally:
+        print(tables(evaluations))
+        _print_details(evaluations, offsets, options)
 
 
 def _evaluate(
@@ -168,24 +171,29 @@ def _warn_of_offsets(
             )
 
 
-def _write(
-    directory: Path,
-    numbers: Dict[str, Any],
-    references_m: Sequence["np.ndarray"],
-    evaluations: Sequence["TrajectoryEvaluation"],
+def _print_details(
+    evaluations: Sequence["TrajectoryEvaluation"], offsets: Mapping[str, "TimeOffset"], options: argparse.Namespace
 ) -> None:
-    from ceiling_dso_ros.evaluation.figures import write_figures
+    for each in evaluations:
+        for line in each.coverage.describe(each.name, options.max_difference):
+            print(line)
+    for name, offset in offsets.items():
+        print(f"{name}: time offset of the reference {'not known: ' if offset.unknown else ''}{offset}")
+    names: Dict[Path, List[str]] = {}
+    for each in evaluations:
+        names.setdefault(_reference_of(each.name, options), []).append(each.name)
+    for path, compared in names.items():
+        print(f"{', '.join(compared)}: against {path}")
 
-    try:
-        (directory / "evaluation.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
-        write_figures(directory, references_m, evaluations)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot write the evaluation: {error.strerror}") from error
 
-
-def _positions(reference: "Trajectory", start_ns: int, end_ns: int) -> "np.ndarray":
-    """Positions of the reference within the time of the estimates, (M, 3)."""
-    return reference.positions[(reference.stamps_ns >= start_ns) & (reference.stamps_ns <= end_ns)]
+def _drawn(
+    estimates: Mapping[str, "Trajectory"], references: Mapping[Path, "Trajectory"], options: argparse.Namespace
+) -> List["np.ndarray"]:
+    """Positions of each reference that is used, within the time of the estimates, (M, 3)."""
+    start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
+    end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
+    used = [references[path] for path in {_reference_of(name, options): None for name in estimates}]
+    return [each.positions[(each.stamps_ns >= start_ns) & (each.stamps_ns <= end_ns)] for each in used]
 
 
 def _reference_of(name: str, options: argparse.Namespace) -> Path:
@@ -220,6 +228,8 @@ def _seconds(text: str) -> float:
 
 def _offset_ns(text: str) -> int:
     """Exact nanoseconds: an offset may be that of a clock that begins with zero to today's."""
+    from ceiling_dso_ros.io.stamps import NANOSECONDS
+
     try:
         value = Decimal(text)
     except InvalidOperation:
