@@ -232,6 +232,8 @@ def test_a_calibration_is_printed_also_if_it_cannot_be_written(words_of, out, ca
         tuple(calibration.CalibratedValue(name, unit, 0.5, 0.1, 0.4, True) for name, unit, _ in calibration.PARAMETERS),
         robot,
         100,
+        0,
+        (),
     )
     monkeypatch.setattr(calibration, "calibrate", lambda *_: found)
     fill_disk_for(out / "robot.yaml")

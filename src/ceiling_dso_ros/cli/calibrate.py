@@ -3,7 +3,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Iterator
+from typing import TYPE_CHECKING, Iterator, List
 
 from ceiling_dso_ros.cli.outputs import require_output_file
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, warn
@@ -68,6 +68,8 @@ def execute(options: argparse.Namespace) -> None:
         replace_file(options.out, _yaml(calibration, options.input).encode(), "the calibration")
     finally:
         print(_table(calibration))
+        for line in _left_out(calibration):
+            print(line)
 
 
 def _track(recording: "Recording", bits: int, warnings: "WarningLog") -> Iterator["OdometryStatus"]:
@@ -108,6 +110,22 @@ def _table(calibration: "Calibration") -> str:
     return tabulate(rows, headers=["", "value", "standard deviation", "unit", "before"], disable_numparse=True)
 
 
+def _left_out(calibration: "Calibration") -> List[str]:
+    """Lines that name the slips."""
+    from ceiling_dso_ros.dso.durations import seconds
+    from ceiling_dso_ros.io.stamps import format_stamp
+
+    if not calibration.slips:
+        return []
+    total = calibration.pairs + calibration.left_out
+    lines = [f"{calibration.left_out} of {total} pairs of images are left out, because wheels and camera disagree:"]
+    for slip in calibration.slips:
+        lines.append(
+            f"from {format_stamp(slip.start_ns)} for {seconds(slip.end_ns - slip.start_ns):.1f} s at most: {slip.what}"
+        )
+    return lines
+
+
 def _yaml(calibration: "Calibration", source: Path) -> str:
     """The robot file, with the standard deviation of every value in comments."""
     import yaml
@@ -131,4 +149,5 @@ def _yaml(calibration: "Calibration", source: Path) -> str:
             else f"not determined by the motion, {value.nominal:.6g} kept"
         )
         lines.append(f"# {value.name}: {found} {value.unit}".rstrip())
+    lines += [f"# {line}" for line in _left_out(calibration)]
     return "\n".join(lines) + "\n" + yaml.safe_dump(robot_values(description), sort_keys=False)
