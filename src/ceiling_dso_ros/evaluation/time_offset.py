@@ -191,7 +191,7 @@ def _refined(
 def _terms(
     mine: _Signal, its: _Signal, times_s: np.ndarray, offset_s: float, step_s: float
 ) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Z r, and its derivative by the offset, over the variance of r.
+    """The products z r, and their derivatives by the offset, over the variance of r.
 
     Returns:
         Which times are used, (N,) bool, and the two values for each of them; None if they tell nothing.
