@@ -23,11 +23,11 @@ def test_all_of_a_whole_run_is_compared():
 
 def test_poses_without_a_partner_are_counted_by_where_they_are():
     reference = np.concatenate([stamps(1, 4, 100), stamps(5, 9, 100)])
-    found = coverage(stamps(0, 10, 20), reference)
+    found = coverage(stamps(0, 10, 20), reference, 0.005)
     assert (found.early, found.late, found.unmatched) == (20, 20, 20)
-    assert found.describe("camera", 0.01) == [
+    assert found.describe("camera", 0.005) == [
         "camera: 60 of 200 poses are not compared: 20 before the reference begins, 20 after it ends, 20 without a "
-        "reference pose of their own within 0.01 s"
+        "reference pose of their own within 0.005 s"
     ]
 
 

@@ -48,8 +48,10 @@ class Coverage:
         covered_ns = reference_ns[reference_index]
         ends_s = (seconds(covered_ns[0] - reference_ns[0]), seconds(reference_ns[-1] - covered_ns[-1]))
         begin_s, end_s = (float(end_s) if end_s > GAP_S else 0.0 for end_s in ends_s)
-        steps_ns = np.diff(covered_ns)
-        is_gap = (steps_ns > nanoseconds(GAP_S)) & (np.diff(reference_index) > 1)
+        own_steps_ns = np.diff(reference_ns)
+        own_steps_ns[own_steps_ns > nanoseconds(GAP_S)] = 0  # gaps of the reference itself
+        steps_ns = np.diff(np.concatenate([[0], np.cumsum(own_steps_ns)])[reference_index])
+        is_gap = steps_ns > nanoseconds(GAP_S)
         return cls(
             poses=len(stamps_ns),
             pairs=len(index),

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair, WheelPath, image_pairs
 from ceiling_dso_ros.fusion.calibration_problem import MountingProblem, Solution, first_guess
-from ceiling_dso_ros.fusion.calibration_slips import WheelSlip, beside, described, follows, slipping
+from ceiling_dso_ros.fusion.calibration_slips import WheelSlip, beside, contradicting, described, follows, slipping
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
@@ -122,14 +122,15 @@ def _without_slips(
         solution = problem.solve(guess, used)
         slips = slipping(solution.excess_m, used, way_m, follow)
         kept = ~beside(slips, follow)
+        guess = solution.guess
+        wrong = max(np.count_nonzero(~kept), int(np.count_nonzero(contradicting(solution.excess_m, way_m))))
+        if len(pairs) - wrong < max(MIN_PAIRS, len(pairs) // 2):
+            raise CalibrationError(
+                f"wheels and camera disagree about {wrong} of {len(pairs)} pairs of images: the wheels slip, or the "
+                "joints or the dimensions are those of another robot"
+            )
         if (kept == used).all():
             break
-        guess = solution.guess
-        if np.count_nonzero(kept) < max(MIN_PAIRS, len(pairs) // 2):
-            raise CalibrationError(
-                f"wheels and camera disagree about {np.count_nonzero(~kept)} of {len(pairs)} pairs of images: the "
-                "wheels slip, or the joints or the dimensions are those of another robot"
-            )
     return solution, used, described(pairs, slips, solution.excess_m)
 
 

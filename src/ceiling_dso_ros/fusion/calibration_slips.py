@@ -11,7 +11,8 @@ from ceiling_dso_ros.fusion.calibration_data import ImagePair
 GATE = 5.0  # standard deviations, as SlipConfig.gate has it
 LEAST_M = 0.003  # within a pair of images: play of gears and uneven floors make less
 LENGTHS = (1, 2, 4, 8, 16)  # pairs; the longest take 6 s
-NAMED_SHARE = 0.3  # of the largest excess: what is smaller may be noise
+WRONG_SHARE = 0.1  # of the way; noise is about a hundredth
+NAMED_SHARE = 0.5  # of the largest excess: what is smaller may be noise
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,11 @@ def slipping(excess_m: np.ndarray, used: np.ndarray, way_m: np.ndarray, follow: 
         beyond = np.abs(excess_m[members].sum(axis=1)) > np.maximum(limit_m, LEAST_M * np.sqrt(length))
         slips[members[beyond.any(axis=1)]] = True
     return slips
+
+
+def contradicting(excess_m: np.ndarray, way_m: np.ndarray) -> np.ndarray:
+    """The pairs in which a wheel disagrees by more than noise ever does, (n,) bool; arguments as of `slipping`."""
+    return np.abs(excess_m).max(axis=1) > np.maximum(WRONG_SHARE * way_m, LEAST_M)
 
 
 def beside(slips: np.ndarray, follow: np.ndarray) -> np.ndarray:
