@@ -216,7 +216,7 @@ def test_times_of_the_reference_without_poses_are_said(run_folder, capsys):
     lines = camera.read_text().splitlines(keepends=True)
     camera.write_text("".join(lines[20:50] + lines[70:]))
     assert main(["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]) == 0
-    said = "camera: no poses for 4.1 of 9.9 s of the reference: 2.0 s at its beginning, 2.1 s in 1 gaps\n"
+    said = "camera: no poses for 4.1 of 9.9 s of the reference: 2.0 s at its beginning, 2.1 s in 1 gap\n"
     assert said in capsys.readouterr().out
 
 

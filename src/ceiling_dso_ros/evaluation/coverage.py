@@ -80,7 +80,11 @@ class Coverage:
             parts = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
             lines.append(f"{name}: {self.poses - self.pairs} of {self.poses} poses are not compared: {parts}")
         begin_s, end_s = self.missing_s
-        times = {"at its beginning": begin_s, f"in {self.gaps} gaps": self.gaps_s, "at its end": end_s}
+        times = {
+            "at its beginning": begin_s,
+            f"in {self.gaps} gap{'' if self.gaps == 1 else 's'}": self.gaps_s,
+            "at its end": end_s,
+        }
         missing_s = sum(times.values())
         if missing_s > 0.0:
             parts = ", ".join(f"{time_s:.1f} s {where}" for where, time_s in times.items() if time_s)

@@ -12,11 +12,11 @@ part of s dx/dt that is linear in neither x nor 1. The slope of the estimate and
 noise of y in both r and z would draw d to those offsets at which interpolation smooths y most.
 
 The standard deviation is that of the sum of z r over blocks of time: it holds for noise of any kind that is independent
-from block to block.
+from block to block. If distance and angle tell different offsets, as with a rolling shutter, it is larger.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
@@ -100,7 +100,21 @@ def _estimate(estimate: Trajectory, reference: Trajectory) -> TimeOffset:
     # A signal of the estimate beside that of the reference, each for the distance and for the angle.
     pairs = list(zip(*(_signals(each, begin_ns, window_s) for each in (estimate, reference))))
     times_s = estimate.times_s[:: -(-len(estimate) // MOST_SAMPLES)]
-    return _refined(pairs, times_s, _most_similar(pairs, times_s, window_s), window_s)
+    rough_s = _most_similar(pairs, times_s, window_s)
+    found = _refined(pairs, times_s, rough_s, window_s)
+    return replace(found, sigma_s=found.sigma_s * _disagreement(pairs, times_s, rough_s, window_s))
+
+
+def _disagreement(
+    pairs: Sequence[Tuple[_Signal, _Signal]], times_s: np.ndarray, rough_s: float, window_s: float
+) -> float:
+    """By how much the offsets of the signals differ, in standard deviations, at least 1."""
+    try:
+        one, other = (_refined([pair], times_s, rough_s, window_s) for pair in pairs)
+    except _UnknownError:  # one of them alone does not tell
+        return 1.0
+    sigma_s = math.hypot(one.sigma_s, other.sigma_s)
+    return max(abs(one.value_s - other.value_s) / max(sigma_s, 1e-9), 1.0)
 
 
 def _signals(trajectory: Trajectory, begin_ns: int, window_s: float) -> Tuple[_Signal, _Signal]:
