@@ -62,9 +62,9 @@ def test_images_from_a_bag_to_the_files_of_a_run(stamps_ns):
         for frame in BagRecording(folder / "a.bag").frames():
             tracked = run.track(frame.image, frame.stamp_ns, frame.exposure_ms)
             timing.add(tracked.status, tracked.total_ms)
-        for kind, trajectory in run.trajectories.files().items():
-            write_tum(folder / f"{kind}.tum", trajectory)
-            assert read_tum(folder / f"{kind}.tum").stamps_ns.tolist() == stamps_ns
+        for file, make in run.trajectories.files().items():
+            write_tum(folder / file, make())
+            assert read_tum(folder / file).stamps_ns.tolist() == stamps_ns
         timing.write_csv(folder / "timing.csv")
         rows = (folder / "timing.csv").read_text().splitlines()[1:]
         assert [parse_stamp_ns(row.split(",")[0]) for row in rows] == stamps_ns

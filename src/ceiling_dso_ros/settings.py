@@ -14,6 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig, require
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
+from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.text_files import read_text
 
 Config = TypeVar("Config")
@@ -87,9 +88,9 @@ def write_settings(path: Path, config: object) -> None:
     """Write all values as yaml that `load_settings` and roslaunch read.
 
     Raises:
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
-    path.write_text(yaml.safe_dump(plain_values(config), sort_keys=False))
+    replace_file(path, yaml.safe_dump(plain_values(config), sort_keys=False).encode(), "the settings")
 
 
 def _read_yaml(path: Path) -> Mapping:

@@ -164,8 +164,8 @@ def without_poses(path):
     path.write_text("")
 
 
-def with_a_broken_line(path):
-    path.write_text(path.read_text() + "100.0 1 2 3\n")
+def with_broken_lines_only(path):
+    path.write_text("100.0 1 2 3\n" * 5)
 
 
 def of_another_time(path):
@@ -180,7 +180,7 @@ def of_two_poses(path):
     ("spoil", "complaint"),
     [
         (without_poses, ": no poses in it"),
-        (with_a_broken_line, ", line 101: 4 numbers instead of 8"),
+        (with_broken_lines_only, ", line 1: 4 numbers instead of 8"),
         (of_another_time, "no overlap in time: it covers 1050.000 to 1059.900 s, the reference 50.000 to 59.900 s"),
         (of_two_poses, "2 pairs of poses, at least 3 are needed"),
     ],
@@ -206,7 +206,97 @@ def test_poses_without_a_partner_in_the_reference_are_said(run_folder, capsys):
     reference = run_folder.parent / "reference.tum"
     reference.write_text("".join(reference.read_text().splitlines(keepends=True)[:60]))
     assert main(["evaluate", str(run_folder), "--reference", str(reference)]) == 0
-    assert "camera: 40 of 100 poses have no partner in the reference\n" in capsys.readouterr().out
+    assert "camera: 40 of 100 poses are not compared: 40 after it ends\n" in capsys.readouterr().out
+    numbers = json.loads((run_folder / "evaluation.json").read_text())["trajectories"]["camera"]
+    assert (numbers["poses"], numbers["pairs"], numbers["late"]) == (100, 60, 40)
+
+
+def test_times_of_the_reference_without_poses_are_said(run_folder, capsys):
+    camera = run_folder / "camera.tum"
+    lines = camera.read_text().splitlines(keepends=True)
+    camera.write_text("".join(lines[20:50] + lines[70:]))
+    assert main(["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]) == 0
+    said = "camera: no poses for 4.1 of 9.9 s of the reference: 2.0 s at its beginning, 2.1 s in 1 gap\n"
+    assert said in capsys.readouterr().out
+
+
+def spoil_lines(path):
+    """As files are that were written by a killed process, merged, or filled by a motion capture that saw nothing."""
+    lines = path.read_text().splitlines(keepends=True)
+    lost = " ".join([lines[40].split()[0], *["nan"] * 7]) + "\n"
+    far_too_late = " ".join(["99999.0", *lines[10].split()[1:]]) + "\n"
+    path.write_text(
+        "".join([*lines[:40], lost, lost, *lines[42:50], lines[49], far_too_late, *lines[50:], lines[3][:30]])
+    )
+
+
+@pytest.mark.parametrize("spoilt", ["run/camera.tum", "reference.tum"])
+def test_lines_that_cannot_be_used_are_left_out_and_said(run_folder, capsys, spoilt):
+    path = run_folder.parent / spoilt
+    spoil_lines(path)
+    assert main(["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        f"warning: {path}, line 41: a number is not finite; left out, as are 1 more such lines",
+        f"warning: {path}, line 103: 3 numbers instead of 8: stamp tx ty tz qx qy qz qw; left out",
+        f"warning: {path}, line 51: the stamp is that of another line; left out",
+        f"warning: {path}, line 52: the stamp is out of order; left out",
+    ]
+    evaluation = json.loads((run_folder / "evaluation.json").read_text())
+    assert [f"warning: {text}" for text in evaluation["warnings"]] == said
+    assert evaluation["trajectories"]["camera"]["pairs"] == 98
+    assert evaluation["trajectories"]["camera"]["ate_m"]["rmse"] < 1e-6
+
+
+def winding(late_s=0.0, rate_hz=20.0):
+    """A drive of a minute whose speed and yaw rate change all the time."""
+    t = np.arange(0.0, 60.0, 1.0 / rate_hz)
+    stamps_ns = np.rint((1_732_800_000 + late_s + t) * 1e9).astype(np.int64)
+    yaw = np.sin(0.9 * t) + np.cos(0.4 * t)
+    positions = np.stack([3.0 * np.sin(0.5 * t), 2.0 * np.cos(0.8 * t), 0.0 * t], axis=1)
+    quaternions = np.stack([0.0 * t, 0.0 * t, np.sin(yaw / 2), np.cos(yaw / 2)], axis=1)
+    return Trajectory(stamps_ns, positions, quaternions)
+
+
+def test_a_reference_that_is_stamped_late_is_said_and_can_be_corrected(run_folder, capsys):
+    reference = run_folder.parent / "reference.tum"
+    for path in run_folder.iterdir():
+        path.unlink()
+    write_tum(run_folder / "camera.tum", winding())
+    write_tum(reference, winding(0.05, 100.0))
+    words = ["evaluate", str(run_folder), "--reference", str(reference)]
+
+    def evaluation(*more):
+        assert main([*words, *more]) == 0
+        numbers = json.loads((run_folder / "evaluation.json").read_text())
+        return numbers, numbers["trajectories"]["camera"]["ate_m"]["rmse"], capsys.readouterr()
+
+    numbers, rmse_m, said = evaluation()
+    assert numbers["time_offset_s"] == 0.0
+    assert numbers["time_offsets"]["camera"]["value_s"] == pytest.approx(0.05, abs=0.001)
+    assert rmse_m > 0.02
+    assert said.err.startswith(f"warning: {reference}: is stamped later than camera (+50.0 +- ")
+    assert said.err.endswith("; nothing is corrected without --time-offset 0.050\n")
+    assert "camera: time offset of the reference +50.0 +- " in said.out
+    numbers, rmse_m, said = evaluation("--time-offset", "0.05")
+    assert (numbers["time_offset_s"], numbers["time_offsets"], said.err) == (0.05, {}, "")
+    assert rmse_m < 1e-6
+    assert evaluation("--time-offset", "-0.05")[1] > 0.05
+
+
+def test_a_clock_that_began_with_zero_can_be_corrected_exactly(run_folder):
+    drive_ns = drive().stamps_ns
+    for name in ("camera", "camera_final"):
+        write_tum(run_folder / f"{name}.tum", drive().shifted(1_732_800_000_123_456_789))
+    words = ["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]
+    assert main(words) == 2
+    assert main([*words, "--max-difference", "1e-9", "--time-offset", "-1732800000.123456789"]) == 0
+    assert json.loads((run_folder / "evaluation.json").read_text())["trajectories"]["camera"]["pairs"] == len(drive_ns)
+
+
+@pytest.mark.parametrize("value", ["soon", "nan", "inf", "1e30"])
+def test_wrong_time_offset(run_folder, value, evaluate):
+    assert_refused(evaluate(run_folder, f"--time-offset={value}"), "--time-offset", value)
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "soon"])

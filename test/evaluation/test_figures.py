@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
-from ceiling_dso_ros.evaluation.figures import write_figures
+from ceiling_dso_ros.evaluation.figures import FILES, figure_writers
 from ceiling_dso_ros.evaluation.report import evaluate_trajectory
+from ceiling_dso_ros.io.replacing import write_each
 from ceiling_dso_ros.io.trajectory import Trajectory
-
-FILES = ("trajectory.png", "trajectory.svg", "error.png", "error.svg")
 
 
 def drive(noise_m=0.0):
@@ -27,7 +26,7 @@ def draw(directory, noise_m=0.02):
         evaluate_trajectory(name, drive(noise_m), drive(), kind, 0.01)
         for name, kind in (("camera_final", AlignmentKind.SIM3), ("wheel", AlignmentKind.SE2))
     ]
-    write_figures(directory, [drive().positions], evaluations)
+    write_each(directory, figure_writers([drive().positions], evaluations))
     return {name: (directory / name).read_bytes() for name in FILES}
 
 

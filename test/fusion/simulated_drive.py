@@ -49,7 +49,8 @@ class Truth:
     vibration: float = 1e-3  # rad of roll and pitch
     unit_m: float = 4.5
     camera_delay_s: float = 0.0  # a motion is seen in the image whose stamp is this much later
-    slips: Tuple[Tuple[float, float], ...] = ()  # left wheel turns twice as far in [start, end]
+    slips: Tuple[Tuple[float, float], ...] = ()  # left wheel turns further in [start, end]
+    slip_factor: float = 2.0  # by this factor
     losses: Tuple[Tuple[float, float], ...] = ()
     scale_jumps: Tuple[Tuple[float, float], ...] = ()  # (time, factor on the metres per unit)
     T_base_camera: np.ndarray = field(default_factory=mount)
@@ -132,7 +133,9 @@ def encoder_ticks(stamps, v, w, robot, truth, rng):
     times = stamps[::WHEEL_STEP]
     steps = np.diff(turned, axis=0)
     for start, end in truth.slips:
-        steps[(times[1:] > stamps[0] + nanoseconds(start)) & (times[1:] <= stamps[0] + nanoseconds(end)), 0] *= 2.0
+        steps[(times[1:] > stamps[0] + nanoseconds(start)) & (times[1:] <= stamps[0] + nanoseconds(end)), 0] *= (
+            truth.slip_factor
+        )
     steps += truth.wheel_noise * np.sqrt(np.abs(steps)) * rng.normal(size=steps.shape)
     angle = np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)]) / radii
     counts = np.floor(angle * robot.ticks_per_turn / (2 * np.pi) + rng.uniform(size=2)).astype(np.int64)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
 from ceiling_dso_ros.fusion.calibration_data import CameraPose
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
@@ -49,7 +50,9 @@ def values(calibration):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("guess_deg", [-90.0, 40.0, 175.0])
 def test_loops_give_everything_from_any_guess(result_of, seed, guess_deg):
-    found = values(result_of("loops", seed=seed, guess_deg=guess_deg))
+    calibration = result_of("loops", seed=seed, guess_deg=guess_deg)
+    assert (calibration.left_out, calibration.slips) == (0, ())
+    found = values(calibration)
     assert all(value.excited for value in found.values())
     assert found["camera yaw"].value == pytest.approx(TRUE["camera yaw"], abs=0.1)
     assert found["camera roll"].value == pytest.approx(TRUE["camera roll"], abs=0.2)
@@ -85,6 +88,7 @@ def test_the_robot_has_what_was_found(result_of):
 
 def test_a_straight_drive_cannot_tell_lever_and_wheel_base(result_of):
     calibration = result_of("straight", seconds=20.0, guess_deg=-90.0)
+    assert calibration.slips == ()
     found = values(calibration)
     for name in ("camera x", "camera y", "wheel base"):
         assert not found[name].excited, name
@@ -96,17 +100,54 @@ def test_a_straight_drive_cannot_tell_lever_and_wheel_base(result_of):
 
 
 def test_turns_on_the_spot_cannot_tell_where_ahead_is(result_of):
-    found = values(result_of("spin"))
+    calibration = result_of("spin")
+    assert calibration.slips == ()
+    found = values(calibration)
     for name in ("camera yaw", "camera x", "camera y", "wheel ratio right/left"):
         assert not found[name].excited, name
     assert found["wheel base"].value == pytest.approx(BASE_M, rel=0.002)
     assert found["camera roll"].value == pytest.approx(TRUE["camera roll"], abs=0.2)
 
 
-def test_slips_and_a_lost_camera_do_little_harm(result_of):
+def deviations(calibration):
+    return [(value.value - TRUE[value.name]) / value.sigma for value in calibration.values]
+
+
+SLIPS = ((7.2, 7.7), (20.0, 20.5), (31.1, 32.3), (40.0, 40.5), (52.9, 53.0))
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.3, 1.1])
+def test_slips_are_left_out_and_named(result_of, factor):
+    """Also a wheel that is blocked, and one that slips by a tenth."""
+    found = [result_of("loops", seed=seed, slips=SLIPS, slip_factor=factor) for seed in range(2)]
+    for calibration in found:
+        assert calibration.left_out < 50
+        for slip in calibration.slips:
+            start_s, end_s = (seconds(stamp_ns) - 1000.0 + OFFSET_S for stamp_ns in (slip.start_ns, slip.end_ns))
+            assert any(start - 1.0 < start_s and end_s < end + 1.0 for start, end in SLIPS), (start_s, end_s)
+            assert slip.what.startswith("the left wheel turned ")
+            assert slip.what.endswith("too far" if factor > 1.0 else "too little")
+        assert len(calibration.slips) >= (4 if factor != 1.1 else 2)
+    assert np.sqrt(np.mean(np.square([deviations(calibration) for calibration in found]))) < 2.0
+
+
+def test_a_wheel_that_slips_little_for_long_does_not_bias_the_result(result_of):
+    found = [result_of("loops", seed=seed, slips=((10.0, 16.0), (30.0, 38.0)), slip_factor=1.02) for seed in range(2)]
+    assert all(calibration.slips for calibration in found)
+    ratios = [values(calibration)["wheel ratio right/left"] for calibration in found]
+    assert np.mean([ratio.value for ratio in ratios]) == pytest.approx(RATIO, rel=0.0005)
+    assert np.sqrt(np.mean(np.square([deviations(calibration) for calibration in found]))) < 2.0
+
+
+def test_a_lost_camera_does_little_harm(result_of):
     found = values(result_of("loops", slips=((20.0, 20.5), (40.0, 40.5)), losses=((30.0, 32.0),)))
     assert found["camera yaw"].value == pytest.approx(TRUE["camera yaw"], abs=0.1)
-    assert found["wheel base"].value == pytest.approx(BASE_M, rel=0.003)
+    assert found["wheel base"].value == pytest.approx(BASE_M, rel=0.002)
+
+
+def test_wheels_of_another_robot_are_refused(result_of):
+    with pytest.raises(CalibrationError, match="wheels and camera disagree about"):
+        result_of("loops", slips=tuple((start, start + 0.7) for start in np.arange(2.0, 60.0, 1.4)))
 
 
 def test_too_little_motion_is_said(result_of):

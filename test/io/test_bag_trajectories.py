@@ -23,6 +23,12 @@ def bag(tmp_path):
             writer.odometry("/odometry/filtered", stamp_ns, "odom", "base_link", pose(second), np.zeros(3), np.zeros(3))
             writer.pose("/pose", stamp_ns, "vo", pose(10.0 * second))
         writer.pose("/pose", 4 * 10**9, "vo", pose(np.nan))
+        far_too_late = header(99 * 10**9, "vo")
+        at_home = transform_stamped(0, "vo", "camera", np.eye(4)).transform.rotation
+        nowhere = message("geometry_msgs/Point", x=0.0, y=0.0, z=0.0)
+        content = message("geometry_msgs/Pose", position=nowhere, orientation=at_home)
+        late = message("geometry_msgs/PoseStamped", header=far_too_late, pose=content)
+        writer.write("/pose", 15 * 10**8, late)
         null = transform_stamped(0, "vo", "camera", np.eye(4)).transform.rotation
         null.w = 0.0
         content = message(
@@ -45,12 +51,13 @@ def test_poses_of_every_type(bag):
 
 def test_what_is_left_out_is_said(bag):
     said = []
+    of_the_stamp = "the stamp is out of order, or that of another message"
     read_trajectories(bag, {"fused": "/odometry/filtered", "camera": "/pose"}, said.append)
     assert said == [
-        f"{bag}, /odometry/filtered: 1 messages are left out: not later than the one before",
-        f"{bag}, /pose: 1 messages are left out: not later than the one before",
         f"{bag}, /pose: 1 messages are left out: the pose has a number that is not finite",
         f"{bag}, /pose: 1 messages are left out: the pose's quaternion is zero",
+        f"{bag}, /odometry/filtered: 1 messages are left out: {of_the_stamp}",
+        f"{bag}, /pose: 2 messages are left out: {of_the_stamp}",
     ]
 
 

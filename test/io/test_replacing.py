@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ceiling_dso_ros.io.errors import OutputError, reason_of
-from ceiling_dso_ros.io.replacing import replace_file, replacing
+from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
+from ceiling_dso_ros.io.replacing import replace_file, replacing, require_writable, write_each
 
 
 def full(*_):
@@ -57,6 +57,59 @@ def test_a_folder_in_the_way_stays(tmp_path):
     with pytest.raises(OutputError, match="Is a directory"):
         replace_file(tmp_path / "a", b"new", "it")
     assert names(tmp_path) == ["a"]
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "real").write_bytes(b"old")
+    (tmp_path / "a").symlink_to("there/real")
+    replace_file(tmp_path / "a", b"new", "it")
+    assert (tmp_path / "a").is_symlink()
+    assert (tmp_path / "there" / "real").read_bytes() == b"new"
+    assert names(tmp_path / "there") == ["real"]
+
+
+def test_a_device_is_written_to_and_never_replaced(tmp_path):
+    (tmp_path / "a").symlink_to("/dev/null")
+    (tmp_path / "b").symlink_to("/dev/full")
+    replace_file(tmp_path / "a", b"new", "it")
+    with pytest.raises(OutputError, match="No space left on device"):
+        replace_file(tmp_path / "b", b"new", "it")
+    assert (tmp_path / "a").is_char_device()
+    assert (tmp_path / "b").is_char_device()
+
+
+def test_each_file_is_tried_and_each_failure_is_a_line(tmp_path):
+    def broken(_):
+        raise ValueError("no such number")
+
+    def unreadable(_):
+        raise InputError("input.bin: is gone")
+
+    def whole(path):
+        replace_file(path, b"new", "it")
+
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError) as failed:
+        write_each(tmp_path, {"folder": whole, "a": broken, "b": unreadable, "c": whole})
+    assert failed.value.lines == (
+        f"{tmp_path / 'folder'}: cannot write it: Is a directory",
+        f"{tmp_path / 'a'}: cannot compute what belongs there: ValueError: no such number",
+        "input.bin: is gone",
+    )
+    assert str(failed.value) == "; ".join(failed.value.lines)
+    assert names(tmp_path) == ["c", "folder"]
+
+
+def test_trying_a_folder_makes_it_and_leaves_nothing(tmp_path):
+    (tmp_path / "file").touch()
+    require_writable(tmp_path / "new" / "folder", ["a"])
+    assert names(tmp_path / "new" / "folder") == []
+    for folder, reason in (("file", "File exists"), ("file/folder", "Not a directory")):
+        with pytest.raises(OutputError, match=re.escape(f"{tmp_path / folder}: cannot write there: {reason}")):
+            require_writable(tmp_path / folder)
+    with pytest.raises(OutputError, match=re.escape(f"{tmp_path / 'new'}: cannot write the file: Is a directory")):
+        require_writable(tmp_path, ["file", "new"])
 
 
 @pytest.mark.parametrize(

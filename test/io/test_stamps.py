@@ -3,6 +3,7 @@ import pytest
 
 from ceiling_dso_ros.io.stamps import (
     format_stamp,
+    longest_increasing,
     parse_stamp,
     parse_stamp_ns,
     parts_of_stamp,
@@ -71,3 +72,21 @@ def test_the_stamps_of_a_file_are_seconds_or_nanoseconds(texts, stamps_ns):
             stamps_in_ns(numbers)
     else:
         assert stamps_in_ns(numbers) == stamps_ns
+
+
+@pytest.mark.parametrize(
+    ("stamps", "kept"),
+    [
+        ([], []),
+        ([7], [0]),
+        ([1, 2, 3], [0, 1, 2]),
+        ([1, 2, 2, 3], [0, 1, 3]),  # of equal ones the first
+        ([1, 2, 99, 3, 4], [0, 1, 3, 4]),  # one that is far too late costs itself alone
+        ([1, 2, 0, 3, 4], [0, 1, 3, 4]),
+        ([5, 6, 7, 1, 2], [0, 1, 2]),  # the clock was set back: what is longer
+        ([3, 3, 3], [0]),
+        ([3, 2, 1], [2]),
+    ],
+)
+def test_as_few_stamps_as_possible_are_left_out(stamps, kept):
+    assert longest_increasing(stamps) == kept

@@ -87,6 +87,25 @@ def test_bad_lines_are_named(tmp_path, text, complaint):
         read_tum(path)
 
 
+def test_bad_lines_are_left_out_where_somebody_is_told(tmp_path):
+    path = tmp_path / "a.tum"
+    good = [f"{stamp} {stamp} 2 3 0 0 0 1" for stamp in range(1, 6)]
+    path.write_text(
+        "\n".join(["t x y z", good[0], "2 x 2 3 0 0 0 1", good[1], good[1], "2.5 y 2 3 0 0 0 1", *good[2:]])
+    )
+    told = []
+    assert read_tum(path, told.append).positions[:, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert [text[len(f"{path}, ") :] for text in told] == [
+        "line 1: 't' is not a time in seconds; expected 'stamp tx ty tz qx qy qz qw'; left out",
+        "line 3: could not convert string to float: 'x'; expected 'stamp tx ty tz qx qy qz qw'; left out, "
+        "as are 1 more such lines",
+        "line 5: the stamp is that of another line; left out",
+    ]
+    path.write_text("t x y z\n")
+    with pytest.raises(InputError, match="line 1: 't' is not a time in seconds"):
+        read_tum(path, told.append)
+
+
 def test_files_that_hold_no_trajectory(tmp_path):
     (tmp_path / "empty.tum").write_text("# nothing\n")
     (tmp_path / "binary.tum").write_bytes(b"\xff\xfe\x00")
@@ -95,8 +114,9 @@ def test_files_that_hold_no_trajectory(tmp_path):
         ("binary.tum", "is not a text file"),
         ("empty.tum", "no poses in it"),
     ]:
-        with pytest.raises(InputError, match=re.escape(f"{tmp_path / name}: {complaint}")):
-            read_tum(tmp_path / name)
+        for tell in (None, [].append):
+            with pytest.raises(InputError, match=re.escape(f"{tmp_path / name}: {complaint}")):
+                read_tum(tmp_path / name, tell)
 
 
 def test_an_older_file_survives_a_failed_write(tmp_path, monkeypatch):

@@ -71,9 +71,9 @@ def test_the_files_are_those_of_a_run_that_was_kept_in_memory(spool, tmp_path, l
         if index % 30 == 0:
             spool.flush()
     saved(spool, tmp_path / "disk")
-    for name, trajectory in recorder.files().items():
-        write_tum(tmp_path / f"{name}.tum", trajectory)
-        assert (tmp_path / "disk" / f"{name}.tum").read_bytes() == (tmp_path / f"{name}.tum").read_bytes()
+    for name, make in recorder.files().items():
+        write_tum(tmp_path / name, make())
+        assert (tmp_path / "disk" / name).read_bytes() == (tmp_path / name).read_bytes()
 
 
 def test_after_a_kill_the_poses_on_final_keyframes_are_there(spool, tmp_path):

@@ -69,7 +69,8 @@ def test_the_files_are_those_of_a_run_that_was_kept_in_memory(spool, tmp_path):
         "fused_smoothed.tum": 30,
     }
     (tmp_path / "memory").mkdir()
-    for name, trajectory in record.files(smooth(measured, FusionConfig())).items():
+    smoothed = smoothed_trajectory(smooth(measured, FusionConfig()))
+    for name, trajectory in (("wheel", record.wheel()), ("fused", record.fused()), ("fused_smoothed", smoothed)):
         write_tum(tmp_path / "memory" / f"{name}.tum", trajectory)
         assert (tmp_path / "disk" / f"{name}.tum").read_bytes() == (tmp_path / "memory" / f"{name}.tum").read_bytes()
 

@@ -103,7 +103,7 @@ def test_a_frame_on_an_unknown_keyframe_is_refused():
 def test_a_trajectory_that_somebody_still_has_does_not_stop_the_recorder():
     """A service writes its files while images go on."""
     recorder = recorder_of(tracked(1, pose(0.0), 0, np.eye(4), (keyframe(0, 1, pose(0.0)),)))
-    kept = recorder.files()
+    kept = {name: make() for name, make in recorder.files().items()}
     recorder.add(tracked(2, pose(1.0), 0, pose(1.0)))
     assert [len(trajectory) for trajectory in kept.values()] == [1, 1, 1]
     assert len(recorder.live()) == 2

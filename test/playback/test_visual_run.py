@@ -53,8 +53,8 @@ def test_the_trajectory_is_kept_when_asked_for(keep):
     assert run.last_tracked is None
     run.track(RAW, 1, None)
     assert run.last_tracked.stamp_ns == 1
-    assert {name: len(trajectory) for name, trajectory in run.trajectories.files().items()} == dict.fromkeys(
-        ("camera", "camera_final", "keyframes"), int(keep)
+    assert {name: len(make()) for name, make in run.trajectories.files().items()} == dict.fromkeys(
+        ("camera.tum", "camera_final.tum", "keyframes.tum"), int(keep)
     )
 
 
@@ -65,7 +65,7 @@ def test_a_restart_forgets_everything():
     run.restart()
     assert odometry.resets == 1
     assert run.last_tracked is None
-    assert len(run.trajectories.files()["camera"]) == 0
+    assert len(run.trajectories.live()) == 0
 
 
 def test_an_image_that_repeats_the_last_one_has_no_pose():
@@ -77,7 +77,7 @@ def test_an_image_that_repeats_the_last_one_has_no_pose():
     tracking, retrying = TrackingState.TRACKING, TrackingState.RETRYING
     assert states == [tracking, retrying, tracking, tracking]
     assert run.last_tracked.stamp_ns == 3
-    assert len(run.trajectories.files()["camera"]) == 3
+    assert len(run.trajectories.live()) == 3
 
 
 def test_black_images_are_alike_and_the_odometry_judges_them():

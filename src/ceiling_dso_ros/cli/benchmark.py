@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
 
-from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.outputs import require_output_folder
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
 from ceiling_dso_ros.io.errors import InputError
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.io.recording import Recording
     from ceiling_dso_ros.io.warning_log import WarningLog
 
+RESULT = "benchmark.json"
 Report = Tuple[Dict[str, Any], str]  # what is written, and what is printed
 
 
@@ -50,12 +51,14 @@ def execute(options: argparse.Namespace) -> None:
     """Measure and print.
 
     Raises:
-        InputError: wrong options or settings, unreadable recording, or a folder that cannot be written.
+        InputError: wrong options or settings, unreadable recording, or a folder that cannot be written to.
+        OutputError: the result cannot be written; it is printed.
     """
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
+    from ceiling_dso_ros.io.replacing import replace_file
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.benchmark import read_reference
     from ceiling_dso_ros.settings import load_settings
@@ -66,19 +69,21 @@ def execute(options: argparse.Namespace) -> None:
         raise InputError(f"--live {options.live}: above 0")
     reference = read_reference(options.vs) if options.vs is not None else None
     config = load_settings(options.config, options.overrides, OdometryConfig)
+    if options.out is not None:
+        require_output_folder(options.out, [RESULT])
     warnings = WarningLog(warn)
     recording = open_with(options, warnings)
-    if options.out is not None:
-        with output_folder(options.out):  # detect errors before the measurement, not after it
-            pass
     load_kernels(tqdm.write)
     if options.live is not None:
         result, text = _measure_live(recording, config, options, warnings)
     else:
         result, text = _measure(recording, config, options, warnings, reference)
-    if options.out is not None:
-        (options.out / "benchmark.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n")
-    print(text)
+    try:
+        if options.out is not None:
+            numbers = json.dumps(result, indent=2, allow_nan=False)
+            replace_file(options.out / RESULT, f"{numbers}\n".encode(), "the result")
+    finally:
+        print(text)
 
 
 def _measure(

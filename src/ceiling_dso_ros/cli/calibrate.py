@@ -3,11 +3,12 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Iterator
+from typing import TYPE_CHECKING, Iterator, List
 
+from ceiling_dso_ros.cli.outputs import require_output_file
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.dso import OdometryStatus
@@ -35,8 +36,8 @@ def execute(options: argparse.Namespace) -> None:
     """Calibrate, print a table and write the yaml file.
 
     Raises:
-        InputError: unreadable recording, no wheels in it, or too little motion.
-        OutputError: the result cannot be written.
+        InputError: unreadable recording, no wheels in it, too little motion, or a file that cannot be written.
+        OutputError: the result cannot be written; it is printed.
     """
     from ceiling_dso_ros.dso.config import ConfigError
     from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
@@ -44,10 +45,12 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
     from ceiling_dso_ros.io.recording import WheelUnit
+    from ceiling_dso_ros.io.replacing import replace_file
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import robot_model
     from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
+    require_output_file(options.out)
     warnings = WarningLog(warn)
     recording = open_with(options, warnings)
     wheels, description = require_usable(recording)
@@ -62,11 +65,11 @@ def execute(options: argparse.Namespace) -> None:
     except (ConfigError, CalibrationError) as error:
         raise InputError(f"{options.input}: {error}") from error
     try:
-        options.out.write_text(_yaml(calibration, options.input))
-    except OSError as error:
-        raise OutputError(f"{options.out}: cannot write the calibration: {error.strerror}") from error
+        replace_file(options.out, _yaml(calibration, options.input).encode(), "the calibration")
     finally:
         print(_table(calibration))
+        for line in _left_out(calibration):
+            print(line)
 
 
 def _track(recording: "Recording", bits: int, warnings: "WarningLog") -> Iterator["OdometryStatus"]:
@@ -107,6 +110,22 @@ def _table(calibration: "Calibration") -> str:
     return tabulate(rows, headers=["", "value", "standard deviation", "unit", "before"], disable_numparse=True)
 
 
+def _left_out(calibration: "Calibration") -> List[str]:
+    """Lines that name the slips."""
+    from ceiling_dso_ros.dso.durations import seconds
+    from ceiling_dso_ros.io.stamps import format_stamp
+
+    if not calibration.slips:
+        return []
+    total = calibration.pairs + calibration.left_out
+    lines = [f"{calibration.left_out} of {total} pairs of images are left out, because wheels and camera disagree:"]
+    for slip in calibration.slips:
+        lines.append(
+            f"from {format_stamp(slip.start_ns)} for {seconds(slip.end_ns - slip.start_ns):.1f} s at most: {slip.what}"
+        )
+    return lines
+
+
 def _yaml(calibration: "Calibration", source: Path) -> str:
     """The robot file, with the standard deviation of every value in comments."""
     import yaml
@@ -130,4 +149,5 @@ def _yaml(calibration: "Calibration", source: Path) -> str:
             else f"not determined by the motion, {value.nominal:.6g} kept"
         )
         lines.append(f"# {value.name}: {found} {value.unit}".rstrip())
+    lines += [f"# {line}" for line in _left_out(calibration)]
     return "\n".join(lines) + "\n" + yaml.safe_dump(robot_values(description), sort_keys=False)

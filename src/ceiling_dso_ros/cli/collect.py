@@ -4,7 +4,7 @@
 import argparse
 from pathlib import Path
 
-from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.outputs import require_output_folder
 from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
@@ -30,36 +30,37 @@ def execute(options: argparse.Namespace) -> None:
     """Write the trajectories.
 
     Raises:
-        InputError: the input cannot be read or has no poses, or the folder cannot be written.
-        OutputError: a trajectory of a node's folder cannot be written; the others are.
+        InputError: the input cannot be read or has no poses, or the folder cannot be written to.
+        OutputError: some trajectories cannot be written; the others are.
     """
     from ceiling_dso_ros.io.bag_trajectories import read_trajectories
+    from ceiling_dso_ros.io.replacing import write_each
     from ceiling_dso_ros.io.trajectory import write_tum
     from ceiling_dso_ros.playback.spool_files import is_spool
 
     if is_spool(options.input):
         _collect_spool(options.input, options.out)
         return
-    topics = {name: getattr(options, f"{name}_topic") for name in TOPICS}
+    topics = {f"{name}.tum": getattr(options, f"{name}_topic") for name in TOPICS}
+    require_output_folder(options.out, topics)
     trajectories = read_trajectories(options.input, topics, warn)
     if not trajectories:
         raise InputError(f"{options.input}: no poses on {', '.join(topics.values())}")
-    try:
-        with output_folder(options.out) as folder:
-            for name, trajectory in trajectories.items():
-                write_tum(folder / f"{name}.tum", trajectory)
-    except OutputError as error:
-        raise InputError(str(error)) from error
-    for name, trajectory in trajectories.items():
-        print(f"{options.out / name}.tum: {len(trajectory)} poses of {topics[name]}")
+
+    def write(path: Path) -> None:
+        trajectory = trajectories[path.name]
+        write_tum(path, trajectory)
+        print(f"{path}: {len(trajectory)} poses of {topics[path.name]}")
+
+    write_each(options.out, dict.fromkeys(trajectories, write))
 
 
 def _collect_spool(spool: Path, out: Path) -> None:
     from ceiling_dso_ros.playback.spool_files import write_all
 
-    with output_folder(out) as folder:
-        written = write_all(spool, folder)
+    require_output_folder(out)
+    written = write_all(spool, out)
     for name, count in written.poses.items():
         print(f"{out / name}: {count} poses")
     if written.errors:
-        raise OutputError("; ".join(written.errors))
+        raise OutputError(*written.errors)

@@ -3,9 +3,11 @@
 
 import argparse
 import json
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Dict, List, Sequence
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Sequence
 
+from ceiling_dso_ros.cli.outputs import require_output_folder
 from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError
 
@@ -13,11 +15,14 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
+    from ceiling_dso_ros.evaluation.time_offset import TimeOffset
     from ceiling_dso_ros.io.trajectory import Trajectory
 
 # File -> alignment. The camera alone has no metric scale; trajectories with wheels are metric and planar.
 TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
 OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
+NUMBERS = "evaluation.json"
+FARTHEST_S = 4 * 10**9  # from a clock that begins with zero to that of any computer
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -56,26 +61,48 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         action="store_true",
         help="interpolate the reference at the stamps of the estimate instead of using its nearest poses",
     )
+    parser.add_argument(
+        "--time-offset",
+        metavar="S",
+        type=_offset_ns,
+        help="seconds that are added to the stamps of DIR/*.tum: "
+        "positive if the reference is stamped too late, negative if too "
+        "early (default: 0, and the offset is estimated and reported)",
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder for evaluation.json and figures (default: DIR)")
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Evaluate every trajectory there is; those that cannot be compared are said and left out.
+    """Evaluate every trajectory there is; what cannot be compared is said and left out.
 
     Raises:
         InputError: missing or unreadable files, no trajectory that can be compared, or an unwritable folder.
+        OutputError: some files cannot be written; the others are, and the errors are printed.
     """
+    from ceiling_dso_ros.evaluation.figures import FILES, figure_writers
     from ceiling_dso_ros.evaluation.report import tables
+    from ceiling_dso_ros.evaluation.time_offset import estimate_time_offset
+    from ceiling_dso_ros.io.replacing import replace_file, write_each
+    from ceiling_dso_ros.io.stamps import NANOSECONDS
     from ceiling_dso_ros.io.trajectory import read_tum
 
-    directory = options.directory
-    references = {path: read_tum(path) for path in (options.reference, _base_reference(options))}
+    trajectories = _find_trajectories(options.directory)
+    out = options.out or options.directory
+    require_output_folder(out, [NUMBERS, *FILES])
+    warnings: List[str] = []
+
+    def tell(text: str) -> None:
+        warnings.append(text)
+        warn(text)
+
+    references = {path: read_tum(path, tell) for path in {options.reference: None, _base_reference(options): None}}
     estimates: Dict[str, Trajectory] = {}
     evaluations: List[TrajectoryEvaluation] = []
     left_out: Dict[str, InputError] = {}
-    for name, path in _find_trajectories(directory).items():
+    for name, path in trajectories.items():
         try:
-            estimate = read_tum(path)
+            estimate = read_tum(path, tell).shifted(options.time_offset or 0)
             evaluations.append(_evaluate(name, estimate, references, options))
             estimates[name] = estimate
         except InputError as error:
@@ -83,18 +110,32 @@ def execute(options: argparse.Namespace) -> None:
     if not evaluations:
         raise next(iter(left_out.values()))
     for reason in left_out.values():
-        warn(f"{reason}; left out")
-    used = {_reference_of(name, options): None for name in estimates}  # a dict keeps their order
-    start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
-    end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
-    drawn = [_positions(references[path], start_ns, end_ns) for path in used]
-    _write(directory, options, drawn, evaluations, {name: str(reason) for name, reason in left_out.items()})
-    print(tables(evaluations))
-    for each in evaluations:
-        if each.pairs < each.poses:
-            print(f"{each.name}: {each.poses - each.pairs} of {each.poses} poses have no partner in the reference")
-    for path in used:
-        print(f"{', '.join(name for name in estimates if _reference_of(name, options) == path)}: against {path}")
+        tell(f"{reason}; left out")
+    offsets: Dict[str, TimeOffset] = {}
+    if options.time_offset is None:
+        offsets = {
+            name: estimate_time_offset(estimate, references[_reference_of(name, options)])
+            for name, estimate in estimates.items()
+        }
+    _warn_of_offsets(offsets, options, tell)
+    numbers = {
+        "reference": str(options.reference),
+        "base_reference": str(_base_reference(options)),
+        "max_difference_s": options.max_difference,
+        "interpolated": options.interpolate,
+        "time_offset_s": (options.time_offset or 0) / NANOSECONDS,
+        "trajectories": {each.name: each.numbers() for each in evaluations},
+        "time_offsets": {name: offset.numbers() for name, offset in offsets.items()},
+        "left_out": {name: str(reason) for name, reason in left_out.items()},
+        "warnings": warnings,
+    }
+    content = (json.dumps(numbers, indent=2, allow_nan=False) + "\n").encode()
+    figures = figure_writers(_drawn(estimates, references, options), evaluations)
+    try:
+        write_each(out, {NUMBERS: lambda path: replace_file(path, content, "the numbers"), **figures})
+    finally:
+        print(tables(evaluations))
+        _print_details(evaluations, offsets, options)
 
 
 def _evaluate(
@@ -111,33 +152,48 @@ def _evaluate(
         raise InputError(f"{options.directory / name}.tum against {path}: {error}") from error
 
 
-def _write(
-    directory: Path,
-    options: argparse.Namespace,
-    references_m: Sequence["np.ndarray"],
-    evaluations: Sequence["TrajectoryEvaluation"],
-    left_out: Dict[str, str],
+def _warn_of_offsets(
+    offsets: Mapping[str, "TimeOffset"], options: argparse.Namespace, tell: Callable[[str], None]
 ) -> None:
-    from ceiling_dso_ros.evaluation.figures import write_figures
+    """One line for each reference whose clock is not that of the trajectories."""
+    for path in {_reference_of(name, options): None for name in offsets}:
+        found = {
+            name: offset
+            for name, offset in offsets.items()
+            if offset.significant and _reference_of(name, options) == path
+        }
+        if found:
+            best = min(found.values(), key=lambda offset: offset.sigma_s)
+            tell(
+                f"{path}: is stamped {'later' if best.value_s > 0 else 'earlier'} than "
+                f"{', '.join(f'{name} ({offset})' for name, offset in found.items())}; nothing is corrected without "
+                f"--time-offset {best.value_s:.3f}"
+            )
 
-    numbers = {
-        "reference": str(options.reference),
-        "base_reference": str(_base_reference(options)),
-        "max_difference_s": options.max_difference,
-        "interpolated": options.interpolate,
-        "trajectories": {evaluation.name: evaluation.numbers() for evaluation in evaluations},
-        "left_out": left_out,
-    }
-    try:
-        (directory / "evaluation.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
-        write_figures(directory, references_m, evaluations)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot write the evaluation: {error.strerror}") from error
+
+def _print_details(
+    evaluations: Sequence["TrajectoryEvaluation"], offsets: Mapping[str, "TimeOffset"], options: argparse.Namespace
+) -> None:
+    for each in evaluations:
+        for line in each.coverage.describe(each.name, options.max_difference):
+            print(line)
+    for name, offset in offsets.items():
+        print(f"{name}: time offset of the reference {'not known: ' if offset.unknown else ''}{offset}")
+    names: Dict[Path, List[str]] = {}
+    for each in evaluations:
+        names.setdefault(_reference_of(each.name, options), []).append(each.name)
+    for path, compared in names.items():
+        print(f"{', '.join(compared)}: against {path}")
 
 
-def _positions(reference: "Trajectory", start_ns: int, end_ns: int) -> "np.ndarray":
-    """Positions of the reference within the time of the estimates, (M, 3)."""
-    return reference.positions[(reference.stamps_ns >= start_ns) & (reference.stamps_ns <= end_ns)]
+def _drawn(
+    estimates: Mapping[str, "Trajectory"], references: Mapping[Path, "Trajectory"], options: argparse.Namespace
+) -> List["np.ndarray"]:
+    """Positions of each reference that is used, within the time of the estimates, (M, 3)."""
+    start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
+    end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
+    used = [references[path] for path in {_reference_of(name, options): None for name in estimates}]
+    return [each.positions[(each.stamps_ns >= start_ns) & (each.stamps_ns <= end_ns)] for each in used]
 
 
 def _reference_of(name: str, options: argparse.Namespace) -> Path:
@@ -168,3 +224,16 @@ def _seconds(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number of seconds")
     return value
+
+
+def _offset_ns(text: str) -> int:
+    """Exact nanoseconds: an offset may be that of a clock that begins with zero to today's."""
+    from ceiling_dso_ros.io.stamps import NANOSECONDS
+
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal("nan")
+    if not (value.is_finite() and abs(value) <= FARTHEST_S):
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds between -{FARTHEST_S} and {FARTHEST_S}")
+    return int((value * NANOSECONDS).to_integral_value())

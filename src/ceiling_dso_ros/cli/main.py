@@ -9,6 +9,7 @@ from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
 from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, run, simulate
+from ceiling_dso_ros.cli.outputs import complain
 from ceiling_dso_ros.cli.standard_streams import forgive_standard_streams
 from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
@@ -33,8 +34,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         arguments: the words after the program's name; those of the process when None.
 
     Returns:
-        The exit code: 0 done, 1 failed while running, 2 wrong usage or unreadable input, 130 interrupted. All but 0
-        come with one line on stderr.
+        The exit code: 0 done, 1 failed while running, 2 wrong usage, unreadable input or no place for the output, 130
+        interrupted. All but 0 come with one line on stderr, or one for each file that could not be written.
     """
     installed = Path(sys.argv[0]).name == PROGRAM
     parser = _Parser(
@@ -53,7 +54,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     except InputError as error:
         return _complain(str(error), WRONG_INPUT)
     except OutputError as error:
-        return _complain(str(error), FAILED)
+        for line in error.lines:
+            complain(line)
+        return FAILED
     except Exception as error:  # any other error: one line instead of a traceback
         if was_interrupt(error):
             return _complain("interrupted", INTERRUPTED)
@@ -83,5 +86,5 @@ def run_process() -> NoReturn:
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    complain(message)
     return code

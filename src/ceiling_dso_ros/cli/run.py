@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Optional
 
-from ceiling_dso_ros.cli.output_folder import output_folder
+from ceiling_dso_ros.cli.outputs import complain, require_output_folder
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
-from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.interrupts import was_interrupt
+from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.fusion.config import FusionConfig
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.playback.playback import Playback
 
 FUSION_PREFIX = "fusion."  # of the fusion's settings among all
+COMPLETE = "complete"  # how a run ends
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -67,7 +68,8 @@ def execute(options: argparse.Namespace) -> None:
     """Run odometry and fusion over the whole recording and write the results, also after an error or interruption.
 
     Raises:
-        InputError: wrong settings, unreadable recording, or a folder that cannot be written.
+        InputError: wrong settings, unreadable recording, or a folder that cannot be written to.
+        OutputError: some files cannot be written at the end; the others are.
     """
     from tqdm import tqdm
 
@@ -95,14 +97,14 @@ def execute(options: argparse.Namespace) -> None:
     fusion = _fusion(recording, fusion_config, warnings, needs_wheels)
     if options.robot is not None and recording.robot is not None and recording.wheels is None:
         warnings.add(f"{recording.path}: has no wheels, so that {options.robot} is not used")
-    with output_folder(options.out) as folder:
-        write_settings(folder / "config.yaml", config)
-        if fusion is not None:
-            write_settings(folder / "fusion.yaml", fusion_config)
+    playback = Playback(visual, warnings, fusion, options.predict)
+    settings = {"config.yaml": config, **({} if fusion is None else {"fusion.yaml": fusion_config})}
+    require_output_folder(options.out, [*settings, *playback.files])
+    for name, values in settings.items():
+        write_settings(options.out / name, values)
 
     load_kernels(lambda message: print(message, file=sys.stderr))
-    playback = Playback(visual, warnings, fusion, options.predict)
-    end = "complete"
+    end = COMPLETE
     try:
         # disable=None: no bar where stderr is no terminal
         total = None if options.fps else len(recording)
@@ -115,8 +117,25 @@ def execute(options: argparse.Namespace) -> None:
     finally:
         warnings.end()
         if len(playback.timing):
-            playback.write(options.out, end)
-            print(_describe(playback.summary(), options.out))
+            _write(playback, options.out, end)
+
+
+def _write(playback: "Playback", directory: Path, end: str) -> None:
+    """Write what was computed, and say what it is.
+
+    Raises:
+        OutputError: files cannot be written. After a run that was not complete they are said beside its own error.
+    """
+    try:
+        with deferred_interrupt():  # impatient users press Ctrl-C twice
+            playback.write(directory, end)
+    except OutputError as error:
+        if end == COMPLETE:
+            raise
+        for line in error.lines:
+            complain(line)
+    finally:
+        print(_describe(playback.summary(), directory))
 
 
 def _fusion(

@@ -2,15 +2,19 @@
 """`simulate`: a simulated drive under a ceiling, as a bag with all sensor data."""
 
 import argparse
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Iterable, Iterator
 
+from ceiling_dso_ros.cli.outputs import complain, require_output_file
 from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.interrupts import deferred_interrupt
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from ceiling_dso_ros.simulation.config import SimulationConfig
+    from ceiling_dso_ros.simulation.recording import SimulatedRecording
     from ceiling_dso_ros.simulation.sensors.measurements import Measurement
 
 EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker; each as
@@ -79,15 +83,16 @@ def _add_wheel_options(group: argparse._ArgumentGroup) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Write the bag while it is rendered.
+    """Write the bag while it is rendered, and the files beside it, also after an interruption.
 
     Raises:
-        InputError: wrong settings, or files that cannot be written, the bag is then removed.
+        InputError: wrong settings, or a folder that cannot be written to.
+        OutputError: the bag cannot be written, it is then removed; or some of the files beside it.
     """
     from tqdm import tqdm
 
     from ceiling_dso_ros.io.bag_writer import BagWriter
-    from ceiling_dso_ros.simulation.bag import files_beside, write_files_beside, write_measurements
+    from ceiling_dso_ros.simulation.bag import files_beside, write_measurements
     from ceiling_dso_ros.simulation.config import ConfigError
     from ceiling_dso_ros.simulation.events import EventError
     from ceiling_dso_ros.simulation.recording import SimulatedRecording
@@ -96,23 +101,40 @@ def execute(options: argparse.Namespace) -> None:
         recording = SimulatedRecording(_config(options))
     except (ConfigError, EventError) as error:
         raise InputError(str(error)) from error
-    if options.out.is_dir():
-        raise InputError(f"{options.out}: is a folder; give the name of a bag")
+    require_output_file(options.out, [path.name for path in files_beside(options.out).values()])
     simulation = recording.simulation
-    beside = files_beside(options.out)
-    try:
-        write_files_beside(options.out, recording)
-        # disable=None: no bar where stderr is no terminal
-        with BagWriter(options.out) as bag, tqdm(
-            total=round(simulation.duration_s, 1), unit="s", disable=None
-        ) as progress:
-            write_measurements(bag, recording, _shown(simulation.measurements(), progress))
-    except OutputError as error:
-        for path in beside.values():
-            path.unlink(missing_ok=True)
-        raise InputError(str(error)) from error
+    # disable=None: no bar where stderr is no terminal
+    with _truth_beside(options.out, recording), BagWriter(options.out) as bag, tqdm(
+        total=round(simulation.duration_s, 1), unit="s", disable=None
+    ) as progress:
+        write_measurements(bag, recording, _shown(simulation.measurements(), progress))
     truth = simulation.truth()
     print(f"{options.out}: {truth['duration_s']:.1f} s, {truth['path_m']:.1f} m, {len(recording)} images")
+
+
+@contextmanager
+def _truth_beside(bag: Path, recording: "SimulatedRecording") -> Iterator[None]:
+    """Write the files beside the bag at the end of the block, unless there is no bag.
+
+    Raises:
+        OutputError: some cannot be written. After an interruption they are said beside it.
+    """
+    from ceiling_dso_ros.simulation.bag import write_files_beside
+
+    try:
+        yield
+    except OutputError:  # an older bag and what is beside it stay
+        raise
+    except BaseException:
+        try:
+            with deferred_interrupt():
+                write_files_beside(bag, recording)
+        except OutputError as error:
+            for line in error.lines:
+                complain(line)
+        raise
+    with deferred_interrupt():
+        write_files_beside(bag, recording)
 
 
 def _config(options: argparse.Namespace) -> "SimulationConfig":

@@ -4,8 +4,10 @@
 The same numbers give the same bytes: no dates, fixed identifiers.
 """
 
+import functools
+import io
 from pathlib import Path
-from typing import Sequence
+from typing import Callable, Dict, Optional, Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -13,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
+from ceiling_dso_ros.io.replacing import replace_file
 
 # Okabe and Ito's palette: told apart by colour-blind readers, too.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -33,25 +36,27 @@ _STYLE = {
     "svg.hashsalt": "ceiling_dso_ros",
 }
 # Matplotlib's own fields that change with time or version.
-_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
+_METADATA: Dict[str, Dict[str, Optional[str]]] = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
 
 
-def write_figures(
-    directory: Path, references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]
-) -> None:
-    """Write trajectory.png, trajectory.svg, error.png and error.svg.
+FIGURES = ("trajectory", "error")
+FILES = tuple(f"{figure}{ending}" for figure in FIGURES for ending in _METADATA)
+
+
+def figure_writers(
+    references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]
+) -> Dict[str, Callable[[Path], None]]:
+    """Each name of FILES -> what writes it to a path, whole or not at all; OutputError where it cannot.
 
     Args:
-        directory: an existing folder.
         references_m: (M, 3) float64 positions of each reference, all in one world, metres.
         evaluations: at least one, each against one of them.
-
-    Raises:
-        OSError: a file cannot be written.
     """
-    with mpl.rc_context(_STYLE):
-        _save(_trajectory_figure(references_m, evaluations), directory / "trajectory")
-        _save(_error_figure(evaluations), directory / "error")
+    draw: Dict[str, Callable[[], Figure]] = {
+        "trajectory": functools.lru_cache(maxsize=None)(lambda: _trajectory_figure(references_m, evaluations)),
+        "error": functools.lru_cache(maxsize=None)(lambda: _error_figure(evaluations)),
+    }
+    return {name: functools.partial(_save, draw[name.split(".")[0]]) for name in FILES}
 
 
 def _trajectory_figure(references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
@@ -101,6 +106,8 @@ def _legend(axes: Axes) -> None:
     axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def _save(figure: Figure, stem: Path) -> None:
-    for suffix, metadata in _METADATA.items():
-        figure.savefig(stem.with_suffix(suffix), dpi=150, metadata=metadata)
+def _save(draw: Callable[[], Figure], path: Path) -> None:
+    content = io.BytesIO()
+    with mpl.rc_context(_STYLE):
+        draw().savefig(content, format=path.suffix[1:], dpi=150, metadata=_METADATA[path.suffix])
+    replace_file(path, content.getvalue(), "the figure")

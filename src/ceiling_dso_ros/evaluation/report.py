@@ -10,6 +10,7 @@ from tabulate import tabulate
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.evaluation.alignment import Alignment, AlignmentError, AlignmentKind, align
 from ceiling_dso_ros.evaluation.association import associate, interpolate_poses
+from ceiling_dso_ros.evaluation.coverage import Coverage
 from ceiling_dso_ros.evaluation.errors import (
     RelativeErrors,
     Statistics,
@@ -34,10 +35,9 @@ class TrajectoryEvaluation:
 
     Attributes:
         name: of the trajectory.
-        poses: number of poses of the estimate.
-        pairs: number of them that have a partner in the reference, P.
+        coverage: how many poses have a partner in the reference, P, and what was left out.
         alignment: the transformation of equation (14).
-        aligned: (poses, 4, 4) float64, all poses of the estimate after equation (15).
+        aligned: (N, 4, 4) float64, all poses of the estimate after equation (15).
         travelled_m: (P,) float64, distance along the reference up to each pair.
         position_errors_m: (P,) float64, the paper's epsilon_i.
         rotation_errors_deg: (P,) float64; None where the alignment leaves the orientation open.
@@ -45,14 +45,23 @@ class TrajectoryEvaluation:
     """
 
     name: str
-    poses: int
-    pairs: int
+    coverage: Coverage
     alignment: Alignment
     aligned: np.ndarray
     travelled_m: np.ndarray
     position_errors_m: np.ndarray
     rotation_errors_deg: Optional[np.ndarray]
     relative: Tuple[RelativeErrors, ...]
+
+    @property
+    def poses(self) -> int:
+        """Number of poses of the estimate."""
+        return self.coverage.poses
+
+    @property
+    def pairs(self) -> int:
+        """Number of them that have a partner in the reference, P."""
+        return self.coverage.pairs
 
     @property
     def ate_m(self) -> Statistics:
@@ -71,8 +80,7 @@ class TrajectoryEvaluation:
             "alignment": self.alignment.kind.value,
             "scale": self.alignment.scale,
             "rotation_determined": self.alignment.rotation_determined,
-            "poses": self.poses,
-            "pairs": self.pairs,
+            **self.coverage.numbers(),
             "path_m": self.path_m,
             "ate_m": asdict(self.ate_m),
             "rotation_deg": rotation,
@@ -117,8 +125,7 @@ def evaluate_trajectory(
     lengths_m = travelled_m[-1] * np.array(RELATIVE_LENGTHS)
     return TrajectoryEvaluation(
         name=name,
-        poses=len(estimate),
-        pairs=len(index),
+        coverage=Coverage.of(estimate.stamps_ns, reference.stamps_ns, index, reference_index),
         alignment=alignment,
         aligned=aligned,
         travelled_m=travelled_m,

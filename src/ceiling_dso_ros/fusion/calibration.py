@@ -7,7 +7,8 @@ Between two images, camera and wheels measure the same motion of the base (plana
 
 with the camera's rotation R_bc and position a in the base, metres per unit s, and the wheels' motion (t, phi) between
 the images' stamps plus the time offset, which depends on ratio and base. It is solved by robust least squares over all
-pairs of images, with residuals weighted by their scatter.
+pairs of images, with residuals weighted by their scatter. Pairs between which the wheels slipped are then left out,
+until no other ones are found: a robust loss alone would let slips move the result by several standard deviations.
 """
 
 import math
@@ -17,12 +18,14 @@ from typing import Sequence, Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.fusion.calibration_data import CameraPose, WheelPath, image_pairs
-from ceiling_dso_ros.fusion.calibration_problem import MountingProblem, first_guess
+from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair, WheelPath, image_pairs
+from ceiling_dso_ros.fusion.calibration_problem import MountingProblem, Solution, first_guess
+from ceiling_dso_ros.fusion.calibration_slips import WheelSlip, beside, contradicting, described, follows, slipping
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.wheel import WheelStep
 
 MIN_PAIRS = 10
+ROUNDS = 10  # of leaving slips out; two are usual
 ALWAYS_UNOBSERVABLE = ("camera z", "mean wheel radius")
 
 # estimated values: name, unit, and the standard deviation below which a value counts as determined
@@ -69,11 +72,15 @@ class Calibration:
         values: one for each of PARAMETERS.
         robot: the robot with the values that the motion determines; the others stay nominal.
         pairs: how many pairs of images were used.
+        left_out: how many were not, because the wheels slipped then or shortly before or after.
+        slips: these times.
     """
 
     values: Tuple[CalibratedValue, ...]
     robot: RobotModel
     pairs: int
+    left_out: int
+    slips: Tuple[WheelSlip, ...]
 
 
 def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: RobotModel) -> Calibration:
@@ -85,7 +92,7 @@ def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: Ro
         robot: nominal dimensions; of the camera's mounting it is enough to know that it looks upward.
 
     Raises:
-        CalibrationError: too little motion that both sensors have measured.
+        CalibrationError: too little motion that both sensors have measured, or they disagree about most of it.
     """
     if not steps:
         raise CalibrationError("the wheels have no samples with growing stamps")
@@ -95,10 +102,36 @@ def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: Ro
         raise CalibrationError(
             f"only {len(pairs)} pairs of images with motion between them, {MIN_PAIRS} are needed: drive for longer"
         )
+    solution, used, slips = _without_slips(wheels, pairs, robot)
+    values = _describe(solution.values, np.sqrt(np.diag(solution.covariance)), robot)
+    count = int(np.count_nonzero(used))
+    return Calibration(values, _apply(values, robot), count, len(pairs) - count, slips)
+
+
+def _without_slips(
+    wheels: WheelPath, pairs: Sequence[ImagePair], robot: RobotModel
+) -> Tuple[Solution, np.ndarray, Tuple[WheelSlip, ...]]:
+    """The solution, which pairs it used, (n,) bool, and what it left out."""
     problem = MountingProblem(wheels, pairs, robot)
-    solution, covariance = problem.solve(first_guess(wheels, pairs, robot))
-    values = _describe(solution, np.sqrt(np.diag(covariance)), robot)
-    return Calibration(values, _apply(values, robot), len(pairs))
+    motions = wheels.motions(pairs, 0.0, 0.0, 0.0)
+    way_m = np.hypot(*motions[:, :2].T) + 0.5 * robot.wheel_base_m * np.abs(motions[:, 2])
+    guess, used = first_guess(wheels, pairs, robot), np.ones(len(pairs), bool)
+    follow, kept = follows(pairs), used
+    for _ in range(ROUNDS):
+        used = kept
+        solution = problem.solve(guess, used)
+        slips = slipping(solution.excess_m, used, way_m, follow)
+        kept = ~beside(slips, follow)
+        guess = solution.guess
+        wrong = max(np.count_nonzero(~kept), int(np.count_nonzero(contradicting(solution.excess_m, way_m))))
+        if len(pairs) - wrong < max(MIN_PAIRS, len(pairs) // 2):
+            raise CalibrationError(
+                f"wheels and camera disagree about {wrong} of {len(pairs)} pairs of images: the wheels slip, or the "
+                "joints or the dimensions are those of another robot"
+            )
+        if (kept == used).all():
+            break
+    return solution, used, described(pairs, slips, solution.excess_m)
 
 
 def _describe(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel) -> Tuple[CalibratedValue, ...]:

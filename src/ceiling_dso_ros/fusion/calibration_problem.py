@@ -2,6 +2,7 @@
 """The least-squares problem of a calibration: residuals, initial guess in closed form, solution."""
 
 import math
+from dataclasses import dataclass
 from typing import Sequence, Tuple
 
 import numpy as np
@@ -68,6 +69,24 @@ def _first_translation(
     return math.atan2(direction[1], direction[0]), solution[-2:], np.log(np.linalg.norm(turns, axis=1))
 
 
+@dataclass(frozen=True)
+class Solution:
+    """What fits the pairs best.
+
+    Attributes:
+        values: (8,) in the order of PRIOR_SIGMAS: rad, m, s and logarithms.
+        covariance: (8, 8) of them.
+        guess: the same with the scales, as `first_guess` gives it.
+        excess_m: (n, 3) for each pair, also for those that were not used: how much further than the camera says the
+            left and the right wheel turned, and how much further to the left the robot moved by the wheels, metres.
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    guess: np.ndarray
+    excess_m: np.ndarray
+
+
 class MountingProblem:
     """Residuals of all pairs, six each: yaw, tilt (2), and in units of the visual odometry x, y and climb.
 
@@ -76,6 +95,7 @@ class MountingProblem:
 
     def __init__(self, wheels: WheelPath, pairs: Sequence[ImagePair], robot: RobotModel) -> None:
         self._wheels = wheels
+        self._wheel_base_m = robot.wheel_base_m
         self._pairs = pairs
         self._height_m = robot.T_base_camera[2, 3]
         self._rotations = np.array([pair.rotation for pair in pairs])
@@ -86,14 +106,15 @@ class MountingProblem:
         self._nominal = (R_nominal, robot.T_base_camera[:2, 3], robot.camera_time_offset_s)
         self._sigmas = FIRST_SIGMAS
 
-    def solve(self, guess: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Parameters in the order of PRIOR_SIGMAS, (8,) in rad, m, s and logarithms, with (8, 8) covariance."""
+    def solve(self, guess: np.ndarray, used: np.ndarray) -> Solution:
+        """Fit those of the pairs that are used, (n,) bool, beginning with a guess as `first_guess` gives it."""
+        self._used = used
         self._R = Rotation.from_rotvec(guess[:3])
         parameters = np.concatenate([np.zeros(3), guess[3:]])
         for loss in ("soft_l1", "cauchy", "cauchy"):  # in the end a slip has hardly any influence
             found = least_squares(self._weighted, parameters, loss=loss, f_scale=3.0, x_scale="jac")
             parameters = found.x
-            residuals = self._residuals(parameters)
+            residuals = self._residuals(parameters)[used]
             scatter = 1.4826 * np.median(np.abs(residuals), axis=0)
             self._sigmas = np.maximum(scatter, 1e-6)
         covariance = np.linalg.inv(found.jac.T @ found.jac)[: len(PRIOR_SIGMAS), : len(PRIOR_SIGMAS)]
@@ -101,7 +122,12 @@ class MountingProblem:
         angles = self._angles(parameters[:3])
         for axis, step in enumerate(1e-6 * np.eye(3)):
             to_angles[:3, axis] = (self._angles(parameters[:3] + step) - angles) / 1e-6
-        return np.concatenate([angles, parameters[3:8]]), to_angles @ covariance @ to_angles.T
+        return Solution(
+            np.concatenate([angles, parameters[3:8]]),
+            to_angles @ covariance @ to_angles.T,
+            np.concatenate([(Rotation.from_rotvec(parameters[:3]) * self._R).as_rotvec(), parameters[3:]]),
+            self._excess_m(parameters),
+        )
 
     def _angles(self, turn: np.ndarray) -> np.ndarray:
         """Roll, pitch, yaw of the camera that a rotation vector in the base makes of the first guess."""
@@ -115,19 +141,37 @@ class MountingProblem:
         )
         prior = np.concatenate([nominal, parameters[6:8]]) / PRIOR_SIGMAS
         scale = (parameters[8:] - SCALE_PRIOR[0]) / SCALE_PRIOR[1]
-        return np.concatenate([(self._residuals(parameters) / self._sigmas).ravel(), prior, scale])
+        residuals = self._residuals(parameters)[self._used]
+        return np.concatenate([(residuals / self._sigmas).ravel(), prior, scale])
 
     def _residuals(self, parameters: np.ndarray) -> np.ndarray:
-        R = (Rotation.from_rotvec(parameters[:3]) * self._R).as_matrix()
-        lever, (offset_s, ratio, base) = parameters[3:5], parameters[5:8]
+        yaw, tilt, seen = self._seen(parameters)
         units_per_m = np.exp(-parameters[8:])[self._segment]
-        turned = R @ self._rotations @ R.T
-        seen = self._translations @ R.T
-        x, y, phi = self._wheels.motions(self._pairs, offset_s, ratio, base).T
-        yaw = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-        tilt = turned[:, :2, 2]
+        x, y, phi = self._wheels.motions(self._pairs, *parameters[5:8]).T
         phi = np.ascontiguousarray(phi)  # or the last bit depends on its place in memory
-        c, s = np.cos(phi), np.sin(phi)
-        swing = np.column_stack([(c - 1.0) * lever[0] - s * lever[1], s * lever[0] + (c - 1.0) * lever[1]])
-        shift = seen[:, :2] - units_per_m[:, None] * (np.column_stack([x, y]) + swing + self._height_m * tilt)
+        moved = np.column_stack([x, y]) + _swing(phi, parameters[3:5]) + self._height_m * tilt
+        shift = seen[:, :2] - units_per_m[:, None] * moved
         return np.column_stack([np.angle(np.exp(1j * (yaw - phi))), tilt, shift, seen[:, 2]])
+
+    def _seen(self, parameters: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Yaw (n,) and tilt (n, 2) of the base, and motion (n, 3) of the camera in VO units, all in the base's axes."""
+        R = (Rotation.from_rotvec(parameters[:3]) * self._R).as_matrix()
+        turned = R @ self._rotations @ R.T
+        yaw = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
+        return yaw, turned[:, :2, 2], self._translations @ R.T
+
+    def _excess_m(self, parameters: np.ndarray) -> np.ndarray:
+        yaw, tilt, seen = self._seen(parameters)
+        m_per_unit = np.exp(parameters[8:])[self._segment]
+        moved = m_per_unit[:, None] * seen[:, :2] - _swing(yaw, parameters[3:5]) - self._height_m * tilt
+        by_wheels = self._wheels.motions(self._pairs, *parameters[5:8])
+        arcs = [planar.logmap(w) - planar.logmap(c) for w, c in zip(by_wheels, np.column_stack([moved, yaw]))]
+        forward, left, turn = np.array(arcs).T
+        half = 0.5 * self._wheel_base_m * math.exp(parameters[7]) * turn
+        return np.column_stack([forward - half, forward + half, left])
+
+
+def _swing(yaw: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """(n, 2) motion of the camera that turns of the base (n,) alone make, with its position (2,) in the base."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([(c - 1.0) * lever[0] - s * lever[1], s * lever[0] + (c - 1.0) * lever[1]])

@@ -9,6 +9,7 @@ import numpy as np
 from ceiling_dso_ros.io.bag_reader import read_messages
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns, pose_matrix
+from ceiling_dso_ros.io.stamps import longest_increasing
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.io.warning_log import ignore_warning
 
@@ -24,7 +25,7 @@ def read_trajectories(
 ) -> Dict[str, Trajectory]:
     """Read the poses of some topics.
 
-    Damaged messages, poses that are none, and stamps that are not later than the one before, are left out.
+    Damaged messages, poses that are none, and as few as possible so that the stamps increase, are left out.
 
     Args:
         path: a ROS 1 bag.
@@ -50,11 +51,12 @@ def read_trajectories(
         except (FrameError, ValueError) as error:
             left_out[raw.topic, str(error)] += 1
             continue
-        stamp_ns = header_stamp_ns(message.header)
-        if known and stamp_ns <= known[-1][0]:
-            left_out[raw.topic, "not later than the one before"] += 1
-            continue
-        known.append((stamp_ns, _numbers(pose)))
+        known.append((header_stamp_ns(message.header), _numbers(pose)))
+    for topic, known in rows.items():
+        kept = longest_increasing([stamp_ns for stamp_ns, _ in known])
+        if len(kept) < len(known):
+            left_out[topic, "the stamp is out of order, or that of another message"] += len(known) - len(kept)
+        rows[topic] = [known[index] for index in kept]
     for (topic, reason), count in left_out.items():
         warn(f"{path}, {topic}: {count} messages are left out: {reason}")
     return {name: _trajectory(rows[topic]) for name, topic in topics.items() if rows[topic]}

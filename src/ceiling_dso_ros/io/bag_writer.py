@@ -11,7 +11,7 @@ from typing import BinaryIO, Dict, Optional, Type, Union, cast
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer
 
-from ceiling_dso_ros.io.errors import OutputError
+from ceiling_dso_ros.io.errors import OutputError, reason_of
 from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
@@ -43,7 +43,7 @@ class BagWriter(MessageWriter):
             self._file.flush()
             _lengthen_bag_header(self._active)
         except OSError as error:
-            raise OutputError(f"{self.path}: cannot write the bag: {error.strerror}") from error
+            raise OutputError(f"{self.path}: cannot write the bag: {reason_of(error)}") from error
 
     def __enter__(self) -> "BagWriter":
         return self
@@ -81,7 +81,7 @@ class BagWriter(MessageWriter):
         with suppress(OSError):  # the rest of the buffer does not fit on the disk either
             self._file.close()
         self._active.unlink(missing_ok=True)
-        raise OutputError(f"{self.path}: cannot write the bag, it was removed: {error.strerror}") from error
+        raise OutputError(f"{self.path}: cannot write the bag, it was removed: {reason_of(error)}") from error
 
 
 def _lengthen_bag_header(path: Path) -> None:

@@ -11,7 +11,15 @@ class FrameError(Exception):
 
 
 class OutputError(OSError):
-    """A file that cannot be written; the message names it and says why."""
+    """Files that cannot be written.
+
+    Attributes:
+        lines: one for each file, which names it and says why.
+    """
+
+    def __init__(self, *lines: str) -> None:
+        super().__init__("; ".join(lines))
+        self.lines = lines
 
 
 def reason_of(error: OSError) -> str:

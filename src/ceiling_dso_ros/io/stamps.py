@@ -4,6 +4,7 @@
 Never floats: at today's epoch they are 0.2 us apart.
 """
 
+from bisect import bisect_left
 from decimal import Decimal, InvalidOperation
 from typing import List, Sequence, Tuple
 
@@ -76,6 +77,28 @@ def stamp_from_parts(seconds: int, nanoseconds: int) -> int:
 def parts_of_stamp(stamp_ns: int) -> Tuple[int, int]:
     """Whole seconds and the nanoseconds beyond them, the inverse of `stamp_from_parts`."""
     return divmod(stamp_ns, NANOSECONDS)
+
+
+def longest_increasing(stamps_ns: Sequence[int]) -> List[int]:
+    """What to keep of stamps of which some are wrong: the indices of the longest part that increases.
+
+    So a single stamp that is far too late costs itself, not all that follow. Of equal stamps the first is kept.
+    """
+    tails: List[int] = []  # the smallest stamp that a part of each length can end with, its index, and that before it
+    ends: List[int] = []
+    before: List[int] = []
+    for index, stamp_ns in enumerate(stamps_ns):
+        length = bisect_left(tails, stamp_ns)
+        before.append(ends[length - 1] if length else -1)
+        if length == len(tails):
+            tails.append(stamp_ns)
+            ends.append(index)
+        elif stamp_ns < tails[length]:
+            tails[length], ends[length] = stamp_ns, index
+    kept = ends[-1:]
+    while kept and before[kept[-1]] >= 0:
+        kept.append(before[kept[-1]])
+    return kept[::-1]
 
 
 def _median_step(numbers: Sequence[int]) -> float:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectories in the TUM format: a line `stamp tx ty tz qx qy qz qw` for every pose."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import List, Tuple, Union
+from typing import Callable, List, Optional, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.replacing import replace_file
-from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp
-from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines
+from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, longest_increasing, parse_stamp
+from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines, stamps_of_file
+from ceiling_dso_ros.io.warning_log import CountedMessages
 
 LINE = "%s" + 7 * " %.9f" + "\n"
+QUOTED = re.compile(r"'[^']*'")  # what a line has instead of a number
+Rows = List[Tuple[str, Decimal, List[float]]]  # where a line is, its stamp, its pose
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,10 @@ class Trajectory:
         """(N,) float64 seconds since the first pose."""
         return (self.stamps_ns - self.stamps_ns[:1]) / NANOSECONDS
 
+    def shifted(self, offset_ns: int) -> "Trajectory":
+        """The same with nanoseconds added to all stamps."""
+        return replace(self, stamps_ns=self.stamps_ns + offset_ns)
+
     @classmethod
     def from_matrices(cls, stamps_ns: ArrayLike, T_frame_body: ArrayLike) -> "Trajectory":
         """Trajectory of (N,) stamps and (N, 4, 4) poses."""
@@ -56,23 +64,60 @@ class Trajectory:
         return T
 
 
-def read_tum(path: Union[str, Path]) -> Trajectory:
+def read_tum(path: Union[str, Path], warn: Optional[Callable[[str], None]] = None) -> Trajectory:
     """Read a TUM file; blank lines and lines that begin with # are skipped, quaternions are normalised.
 
     Stamps are seconds, or whole nanoseconds; see `stamps_in_ns`.
 
+    Args:
+        path: of the file.
+        warn: is told which lines cannot be used, one text for each reason; they are left out. Without it, such a line
+            is an error.
+
     Raises:
-        InputError: unreadable or empty file, a line of another form, a number that is not finite, or a stamp that is
-            not later than the one before.
+        InputError: unreadable or empty file, or no usable line. Without `warn` also a line of another form, a number
+            that is not finite, or a stamp that is not later than the one before.
     """
-    rows = [(where, *_parse_line(line, where)) for where, line in read_lines(Path(path))]
-    if not rows:
-        raise InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
-    places, stamps, poses = zip(*rows)
-    stamps_ns = np.array(increasing_stamps(Path(path), list(zip(places, stamps))), np.int64)
-    table = np.array(poses)
+    path = Path(path)
+    wrong = CountedMessages()
+    rows = _parse_lines(path, None if warn is None else wrong)
+    stamps = [stamp for _, stamp, _ in rows]
+    if warn is None:
+        stamps_ns = increasing_stamps(path, [(where, stamp) for where, stamp, _ in rows])
+    else:
+        stamps_ns = stamps_of_file(path, stamps)
+        kept = longest_increasing(stamps_ns)
+        _count_left_out(rows, stamps_ns, kept, wrong)
+        rows, stamps_ns = [rows[index] for index in kept], [stamps_ns[index] for index in kept]
+        for text, count in wrong.first_and_counts():
+            warn(f"{text}; left out" + (f", as are {count - 1} more such lines" if count > 1 else ""))
+    table = np.array([pose for _, _, pose in rows])
     quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
-    return Trajectory(stamps_ns, table[:, :3], quaternions)
+    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], quaternions)
+
+
+def _parse_lines(path: Path, wrong: Optional[CountedMessages]) -> Rows:
+    """The lines with a pose; what is wrong with others is counted, or raised where there is nothing to count it in."""
+    rows: Rows = []
+    first_error: Optional[InputError] = None
+    for where, line in read_lines(path):
+        try:
+            rows.append((where, *_parse_line(line, where)))
+        except InputError as error:
+            if wrong is None:
+                raise
+            first_error = first_error or error
+            wrong.add(str(error), QUOTED.sub("", str(error)))
+    if not rows:
+        raise first_error or InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
+    return rows
+
+
+def _count_left_out(rows: Rows, stamps_ns: List[int], kept: List[int], wrong: CountedMessages) -> None:
+    known = {stamps_ns[index] for index in kept}
+    for index in sorted({*range(len(rows))} - {*kept}):
+        repeated = stamps_ns[index] in known
+        wrong.add(f"{rows[index][0]}: the stamp {'is that of another line' if repeated else 'is out of order'}")
 
 
 def _parse_line(line: str, where: str) -> Tuple[Decimal, List[float]]:

@@ -2,7 +2,7 @@
 """Stores the fusion's outputs, for offline runs and fusion_node's service ~save_trajectory."""
 
 from array import array
-from typing import Dict, Iterable, Sequence
+from typing import Iterable, Sequence
 
 import numpy as np
 
@@ -36,10 +36,6 @@ class FusedRecord:
     def fused(self) -> Trajectory:
         """What was published: base_link in odom."""
         return planar_trajectory(self._stamps_ns, np.reshape(self._fused, (-1, 3)))
-
-    def files(self, smoothed: Sequence[SmoothedNode]) -> Dict[str, Trajectory]:
-        """The trajectories by their file names; smoothed: the keyframes as the graph of all data estimates them."""
-        return {"wheel": self.wheel(), "fused": self.fused(), "fused_smoothed": smoothed_trajectory(smoothed)}
 
 
 def smoothed_trajectory(nodes: Sequence[SmoothedNode]) -> Trajectory:

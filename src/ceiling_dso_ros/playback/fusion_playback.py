@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plays a recording's wheel samples into the fusion together with the odometry, as on a robot."""
 
-from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import Recording, RobotDescription, WheelSamples
 from ceiling_dso_ros.io.stamps import LATEST_NS, format_stamp
-from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
+from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.playback.fused_record import FusedRecord, smoothed_trajectory
 from ceiling_dso_ros.playback.wheel_playback import WheelPlayback
@@ -89,14 +88,9 @@ class FusionPlayback:
         self._play_wheels()
         self.estimator.finish()
 
-    def write(self, directory: Path) -> None:
-        """Write wheel.tum, fused.tum and fused_smoothed.tum: base_link in odom.
-
-        Raises:
-            OutputError: a file cannot be written.
-        """
-        for name, trajectory in self._record.files(self.estimator.smoothed()).items():
-            write_tum(directory / f"{name}.tum", trajectory)
+    def files(self) -> Dict[str, Callable[[], Trajectory]]:
+        """Names of files -> what makes their trajectory: base_link in odom."""
+        return {"wheel.tum": self.wheel, "fused.tum": self.fused, "fused_smoothed.tum": self.smoothed}
 
     @property
     def states(self) -> Sequence[FusedState]:

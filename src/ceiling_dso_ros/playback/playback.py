@@ -3,14 +3,15 @@
 
 import json
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Optional, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple, Union
 
 from ceiling_dso_ros.dso import CameraMotion, TrackingState
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.ply import write_ply
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
-from ceiling_dso_ros.io.trajectory import write_tum
+from ceiling_dso_ros.io.replacing import replace_file, write_each
+from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.io.warning_log import CountedMessages, WarningLog
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
@@ -83,16 +84,14 @@ class Playback:
             end: how the run ended, for the summary: complete, interrupted, or what failed.
 
         Raises:
-            OSError: a file cannot be written.
+            OutputError: some files cannot be written; all the others are.
         """
-        for name, trajectory in self.visual.trajectories.files().items():
-            write_tum(directory / f"{name}.tum", trajectory)
-        write_ply(directory / "map.ply", self.map.cloud(self.visual.trajectories.estimates))
-        self.timing.write_csv(directory / "timing.csv")
-        if self._fusion is not None:
-            self._fusion.write(directory)
-        summary = json.dumps({**self.summary(), "end": end}, indent=2, allow_nan=False)
-        (directory / "summary.json").write_text(summary + "\n")
+        write_each(directory, self._writers(end))
+
+    @property
+    def files(self) -> List[str]:
+        """Names of the files that `write` writes."""
+        return list(self._writers(""))
 
     def summary(self) -> Dict[str, Any]:
         """Counts, times and warnings, and what the fusion says; with a camera alone the scale stays unknown."""
@@ -113,6 +112,21 @@ class Playback:
         """The most frequent reason why an image has no pose, and of how many images; ("", 0) if all have one."""
         return self._untracked.most_frequent()
 
+    def _writers(self, end: str) -> Dict[str, Callable[[Path], None]]:
+        """Name of each file -> what writes it."""
+        trajectories = {**self.visual.trajectories.files(), **({} if self._fusion is None else self._fusion.files())}
+
+        def write_summary(path: Path) -> None:
+            summary = json.dumps({**self.summary(), "end": end}, indent=2, allow_nan=False)
+            replace_file(path, f"{summary}\n".encode(), "the summary")
+
+        return {
+            **{name: _trajectory_writer(make) for name, make in trajectories.items()},
+            "map.ply": lambda path: write_ply(path, self.map.cloud(self.visual.trajectories.estimates)),
+            "timing.csv": self.timing.write_csv,
+            "summary.json": write_summary,
+        }
+
     def _track(self, frame: Frame) -> None:
         tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, self._prediction(frame.stamp_ns))
         self.map.add(tracked.status)
@@ -126,3 +140,7 @@ class Playback:
         if not self._predict or self._fusion is None or self.visual.last_tracked is None:
             return None
         return self._fusion.predicted_motion(self.visual.last_tracked, stamp_ns)
+
+
+def _trajectory_writer(make: Callable[[], Trajectory]) -> Callable[[Path], None]:
+    return lambda path: write_tum(path, make())

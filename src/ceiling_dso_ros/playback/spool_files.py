@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Callable, Dict, List, Mapping, Sequence
 
-from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
-from ceiling_dso_ros.io.replacing import replacing
+from ceiling_dso_ros.io.errors import OutputError, reason_of
+from ceiling_dso_ros.io.replacing import replacing, write_each
 from ceiling_dso_ros.io.rolling_file import read_rolling
 
 Writer = Callable[[Path, BinaryIO], int]  # from a spool into a file; returns the number of poses
@@ -89,16 +89,16 @@ def _is_of_fusion(spool: Path) -> bool:
 
 def _write(spool: Path, directory: Path, writers: Mapping[str, Writer]) -> Written:
     written = Written()
-    for name, writer in writers.items():
-        path = directory / name
-        try:
-            with replacing(path, "the trajectory") as file:
-                count = writer(spool, file)
-            written.poses[name] = count
-        except (InputError, OutputError) as error:
-            written.errors.append(str(error))
-        except Exception as error:  # whatever is wrong with one, the others are still written
-            written.errors.append(f"{path}: cannot compute the trajectory: {type(error).__name__}: {error}")
+
+    def write(path: Path) -> None:
+        with replacing(path, "the trajectory") as file:
+            count = writers[path.name](spool, file)
+        written.poses[path.name] = count
+
+    try:
+        write_each(directory, dict.fromkeys(writers, write))
+    except OutputError as error:
+        written.errors += error.lines
     return written
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How long each frame took, by stage."""
 
-import csv
 from array import array
 from pathlib import Path
 from typing import Any, Dict, List
@@ -10,6 +9,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
+from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.stamps import format_stamp
 
 
@@ -73,17 +73,15 @@ class TimingLog:
         """Write stamp (s), total_ms, a column of milliseconds for each stage, is_keyframe (0 or 1), state.
 
         Raises:
-            OSError: the file cannot be written.
+            OutputError: the file cannot be written.
         """
-        stages = [f"{name}_ms" for name in self._stages_ms]
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["stamp", "total_ms", *stages, "is_keyframe", "state"])
-            for stamp_ns, is_keyframe, state, *milliseconds in zip(
-                self._stamps_ns, self._is_keyframe, self._states, self._total_ms, *self._stages_ms.values()
-            ):
-                times = [f"{value:.3f}" for value in milliseconds]
-                writer.writerow([format_stamp(stamp_ns), *times, int(is_keyframe), state.value])
+        rows = [["stamp", "total_ms", *(f"{name}_ms" for name in self._stages_ms), "is_keyframe", "state"]]
+        for stamp_ns, is_keyframe, state, *milliseconds in zip(
+            self._stamps_ns, self._is_keyframe, self._states, self._total_ms, *self._stages_ms.values()
+        ):
+            times = [f"{value:.3f}" for value in milliseconds]
+            rows.append([format_stamp(stamp_ns), *times, str(int(is_keyframe)), state.value])
+        replace_file(path, "".join(",".join(row) + "\n" for row in rows).encode(), "the times")
 
 
 def _statistics(values_ms: np.ndarray) -> Dict[str, Any]:

@@ -2,7 +2,7 @@
 """Collects the odometry's results into trajectories."""
 
 from array import array
-from typing import Dict, Mapping
+from typing import Callable, Dict, Mapping
 
 import numpy as np
 
@@ -65,10 +65,6 @@ class TrajectoryRecorder:
             [keyframe.stamp_ns for keyframe in keyframes], [keyframe.T_world_camera for keyframe in keyframes]
         )
 
-    def files(self) -> Dict[str, Trajectory]:
-        """The trajectories by the names of their files: T_world_camera in VO units."""
-        return {
-            "camera": self.live(),
-            "camera_final": self.final(),
-            "keyframes": self.keyframes(),
-        }
+    def files(self) -> Dict[str, Callable[[], Trajectory]]:
+        """Names of files -> what makes their trajectory: T_world_camera in VO units."""
+        return {"camera.tum": self.live, "camera_final.tum": self.final, "keyframes.tum": self.keyframes}

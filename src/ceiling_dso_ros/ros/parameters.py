@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Reads private parameters once at start, rejects wrong ones with one line, and writes all values back."""
 
-import os
 from pathlib import Path
 from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
 
 import rospy
 
-from ceiling_dso_ros.io.errors import InputError, reason_of
+from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.known_names import all_names, require_known
+from ceiling_dso_ros.io.replacing import require_writable
 from ceiling_dso_ros.settings import default_values, merge_settings, plain_values
 
 
@@ -90,8 +90,6 @@ def make_writable(folder: Path) -> None:
         InputError: it cannot be made or written to.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot make this folder: {reason_of(error)}") from error
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"{folder}: cannot write to this folder")
+        require_writable(folder)
+    except OutputError as error:
+        raise InputError(str(error)) from error

@@ -3,7 +3,7 @@
 
 from functools import singledispatchmethod
 from pathlib import Path
-from typing import Any, Dict, Iterable
+from typing import Any, Callable, Dict, Iterable
 
 import numpy as np
 import yaml
@@ -11,8 +11,8 @@ import yaml
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
-from ceiling_dso_ros.io.errors import OutputError
 from ceiling_dso_ros.io.message_writer import MessageWriter
+from ceiling_dso_ros.io.replacing import replace_file, write_each
 from ceiling_dso_ros.io.robot_file import robot_values
 from ceiling_dso_ros.io.trajectory import write_tum
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
@@ -50,13 +50,16 @@ def write_files_beside(bag: Path, recording: SimulatedRecording) -> None:
     """Write the truth.
 
     Raises:
-        OutputError: a file cannot be written.
+        OutputError: some files cannot be written; the others are.
     """
     files = files_beside(bag)
-    write_tum(files["camera"], recording.camera_truth)
-    write_tum(files["base"], recording.base_truth)
-    _write_yaml(files["truth"], recording.simulation.truth())
-    _write_yaml(files["robot"], robot_values(recording.robot))
+    writers: Dict[str, Callable[[Path], None]] = {
+        "camera": lambda path: write_tum(path, recording.camera_truth),
+        "base": lambda path: write_tum(path, recording.base_truth),
+        "truth": lambda path: _write_yaml(path, recording.simulation.truth()),
+        "robot": lambda path: _write_yaml(path, robot_values(recording.robot)),
+    }
+    write_each(bag.parent, {files[kind].name: write for kind, write in writers.items()})
 
 
 def write_measurements(bag: MessageWriter, recording: SimulatedRecording, measurements: Iterable[Any]) -> None:
@@ -155,7 +158,5 @@ def _planar_covariance(covariance: np.ndarray) -> np.ndarray:
 
 
 def _write_yaml(path: Path, content: Dict[str, Any]) -> None:
-    try:
-        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the file: {error.strerror}") from error
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+    replace_file(path, text.encode(), "the file")
