@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig, require
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
-from ceiling_dso_ros.io.text_files import read_text
+from ceiling_dso_ros.io.yaml_files import read_yaml
 
 Config = TypeVar("Config")
 ANGLE = re.compile(r"(deg|rad)\(([^()]*)\)")  # as rosparam writes angles
@@ -93,10 +93,7 @@ def write_settings(path: Path, config: object) -> None:
 
 
 def _read_yaml(path: Path) -> Mapping:
-    try:
-        values = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not valid yaml: {' '.join(str(error).split())}") from error
+    values = read_yaml(path)
     if not isinstance(values, (dict, type(None))):
         raise InputError(f"{path}: expected names and values, such as 'window: {{max_keyframes: 5}}'")
     return values or {}

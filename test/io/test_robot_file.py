@@ -46,7 +46,7 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("a: [1", "is not yaml: while parsing a flow sequence"),
+        ("a: [1", "is not valid yaml: while parsing a flow sequence"),
         ("just text", "expected the keys ticks_per_turn, wheel_radius, wheel_base, T_base_camera"),
         (ROBOT.replace("4096", "no"), "ticks_per_turn must be a positive number, not False"),
         (ROBOT.replace("4096", "many"), "ticks_per_turn must be a positive number, not many"),

@@ -10,6 +10,7 @@ import numpy as np
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.lens_models import LensCamera, check_principal_point
+from ceiling_dso_ros.io.limits import MOST_PIXELS
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
 from ceiling_dso_ros.io.text_files import read_lines
 
@@ -96,6 +97,8 @@ def _parse_size(line: str, where: str) -> Tuple[int, int]:
         raise InputError(f"{where}: '{line}'; expected 'width height' in pixels") from None
     if width <= 0 or height <= 0:
         raise InputError(f"{where}: the image size {width} {height} must be positive")
+    if width * height > MOST_PIXELS:
+        raise InputError(f"{where}: the image size {width} {height} is more than {MOST_PIXELS} pixels")
     return width, height
 
 

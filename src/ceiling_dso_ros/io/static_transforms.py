@@ -5,6 +5,7 @@ from typing import Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.io.limits import MOST_FRAMES
 from ceiling_dso_ros.io.ros_messages import RosMessage, transform_matrix
 
 UNIT_TOLERANCE = 1e-2  # of the squared length of a quaternion, as in tf2, which ignores a transform beyond it
@@ -48,7 +49,7 @@ class StaticTransforms:
     def _ancestors(self, frame: str) -> Dict[str, np.ndarray]:
         """The frame and all above it, nearest first, with T_ancestor_frame."""
         poses = {frame: np.eye(4)}
-        while frame in self._parents:
+        while frame in self._parents and len(poses) <= MOST_FRAMES:
             parent, T_parent_frame = self._parents[frame]
             if parent in poses:  # a loop
                 break

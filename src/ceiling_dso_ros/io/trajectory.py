@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectories in the TUM format: a line `stamp tx ty tz qx qy qz qw` for every pose."""
 
+import math
+from array import array
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -11,9 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.limits import LARGEST_M
 from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, parse_stamp
-from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines
+from ceiling_dso_ros.io.text_files import increasing_stamps, place_of_line, read_table
 
 LINE = "%s" + 7 * " %.9f" + "\n"
 
@@ -62,32 +65,42 @@ def read_tum(path: Union[str, Path]) -> Trajectory:
     Stamps are seconds, or whole nanoseconds; see `stamps_in_ns`.
 
     Raises:
-        InputError: unreadable or empty file, a line of another form, a number that is not finite, or a stamp that is
-            not later than the one before.
+        InputError: unreadable or empty file, a line of another form, a number that is not finite or too large, or a
+            stamp that is not later than the one before.
     """
-    rows = [(where, *_parse_line(line, where)) for where, line in read_lines(Path(path))]
-    if not rows:
+    path = Path(path)
+    numbers, stamps, poses = array("q"), [], array("d")  # compact: there may be millions of lines
+    for number, text in read_table(path):
+        stamp, pose = _parse_line(text, path, number)
+        numbers.append(number)
+        stamps.append(stamp)
+        poses.extend(pose)
+    if not stamps:
         raise InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
-    places, stamps, poses = zip(*rows)
-    stamps_ns = np.array(increasing_stamps(Path(path), list(zip(places, stamps))), np.int64)
-    table = np.array(poses)
+    stamps_ns = np.array(increasing_stamps(path, numbers, stamps), np.int64)
+    table = np.array(poses).reshape(-1, 7)
     quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
     return Trajectory(stamps_ns, table[:, :3], quaternions)
 
 
-def _parse_line(line: str, where: str) -> Tuple[Decimal, List[float]]:
+def _parse_line(line: str, path: Path, number: int) -> Tuple[Decimal, List[float]]:
     try:
-        stamp, *numbers = line.replace(",", " ").split()
-        number, pose = parse_stamp(stamp), [float(word) for word in numbers]
+        stamp_text, *words = line.replace(",", " ").split()
+        stamp, pose = parse_stamp(stamp_text), [float(word) for word in words]
     except ValueError as error:
-        raise InputError(f"{where}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
+        raise InputError(f"{place_of_line(path, number)}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
+    problem = ""
     if len(pose) != 7:
-        raise InputError(f"{where}: {len(pose) + 1} numbers instead of 8: stamp tx ty tz qx qy qz qw")
-    if not np.isfinite(pose).all():
-        raise InputError(f"{where}: a number is not finite")
-    if np.linalg.norm(pose[3:]) < 1e-6:
-        raise InputError(f"{where}: the quaternion is zero")
-    return number, pose
+        problem = f"{len(pose) + 1} numbers instead of 8: stamp tx ty tz qx qy qz qw"
+    elif not all(map(math.isfinite, pose)):
+        problem = "a number is not finite"
+    elif max(map(abs, pose)) > LARGEST_M:
+        problem = f"a number is beyond {LARGEST_M:g}"
+    elif math.hypot(*pose[3:]) < 1e-6:
+        problem = "the quaternion is zero"
+    if problem:
+        raise InputError(f"{place_of_line(path, number)}: {problem}")
+    return stamp, pose
 
 
 def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:
