@@ -10,7 +10,7 @@ from typing import NoReturn, Optional, Sequence
 from ceiling_dso_ros import __version__
 from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, run, simulate
 from ceiling_dso_ros.cli.standard_streams import forgive_standard_streams
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError, OutputError, one_line
 from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -23,7 +23,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, like all errors of the package."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_INPUT, f"error: {message}; see {self.prog} --help\n")
+        self.exit(WRONG_INPUT, one_line(f"error: {message}; see {self.prog} --help") + "\n")
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -83,5 +83,5 @@ def run_process() -> NoReturn:
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(one_line(f"error: {' '.join(message.split())}"), file=sys.stderr)
     return code

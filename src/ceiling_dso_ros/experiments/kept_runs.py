@@ -13,7 +13,7 @@ from typing import Any, List, Tuple
 from tqdm import tqdm
 
 from ceiling_dso_ros import dso, simulation
-from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus, hosted_points, status
+from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus, TrackingState, hosted_points, status
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
@@ -113,9 +113,17 @@ class _Unpickler(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401
         """A class or function that a pickle names."""
+        if (module, name) == ("builtins", "getattr"):  # how Python 3.11 names members of enumerations
+            return _state
         if module in (status.__name__, hosted_points.__name__) or (module, name) in OF_ARRAYS:
             return super().find_class(module, name)
         raise pickle.UnpicklingError(f"{module}.{name} is no part of a result; --fresh tracks again")
+
+
+def _state(kind: type, name: str) -> TrackingState:
+    if kind is not TrackingState:
+        raise pickle.UnpicklingError(f"{kind}.{name} is no part of a result; --fresh tracks again")
+    return TrackingState[name]
 
 
 def _version() -> str:

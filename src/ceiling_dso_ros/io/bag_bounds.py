@@ -2,7 +2,7 @@
 """A reader of ROS 1 bags that takes no more memory than the file and one of its chunks need, whatever they declare."""
 
 import bz2
-from typing import BinaryIO, Callable, Dict, Optional, Union
+from typing import Any, BinaryIO, Callable, Dict, Optional, Union
 
 import lz4.frame
 from rosbags.rosbag1 import Reader, ReaderError
@@ -51,7 +51,7 @@ class BoundedReader(Reader):
     _bounded: Optional[BoundedFile] = None
 
     @property
-    def bio(self) -> Optional[BoundedFile]:
+    def bio(self) -> Any:  # noqa: ANN401 to rosbags it is a BinaryIO, of which it has what it calls
         """The open file."""
         return self._bounded
 

@@ -8,7 +8,7 @@ from typing import List, Sequence, Tuple, Union
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.lens_models import LensCamera, check_principal_point
 from ceiling_dso_ros.io.limits import MOST_PIXELS
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
@@ -41,6 +41,18 @@ class CameraCalibration:
         lens, camera = self.lens, self.camera
         same = (lens.fx, lens.fy, lens.cx, lens.cy) == (camera.fx, camera.fy, camera.cx, camera.cy)
         return same and lens.model == "Pinhole" and (lens.width, lens.height) == (camera.width, camera.height)
+
+    def require_size_of(self, image: np.ndarray) -> None:
+        """Refuse an (H, W) image of another size than the raw camera's.
+
+        Raises:
+            FrameError: naming both sizes.
+        """
+        height, width = image.shape
+        if (width, height) != (self.lens.width, self.lens.height):
+            raise FrameError(
+                f"the image is {width}x{height}, but the calibration is for {self.lens.width}x{self.lens.height}"
+            )
 
 
 def read_camera_file(path: Union[str, Path]) -> CameraCalibration:

@@ -15,3 +15,4 @@ MOST_CHUNK_BYTES = 2**28  # of a bag, decompressed: recorders fill 768 kB, and o
 MOST_JOINTS = 500  # names in joint_states
 MOST_FRAMES = 100  # from one frame of tf to another
 LARGEST_M = 1e8  # of a position, metres or VO units: further than any map projection goes, and resolved to 15 nm
+LARGEST_RAD = 1e12  # of the angle of a wheel: at 1e12 a float64 still resolves a tenth of a milliradian

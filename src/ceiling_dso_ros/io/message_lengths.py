@@ -42,11 +42,11 @@ def _after(data: bytes, position: int, kind: Nodetype, what: Any) -> int:  # noq
     if kind is Nodetype.BASE:
         if what[0] != STRING:
             return _within(data, position + SIZEMAP[what[0]])
-        return _within(data, position + LENGTH.size + LENGTH.unpack_from(data, position)[0])
+        return _within(data, position + LENGTH.size + _length(data, position))
     element_kind, element = what[0]
     count = what[1]
     if kind is Nodetype.SEQUENCE:
-        (count,) = LENGTH.unpack_from(data, position)
+        count = _length(data, position)
         position += LENGTH.size
     size = _fixed_size_of(element_kind, element)
     if size is not None:
@@ -54,6 +54,11 @@ def _after(data: bytes, position: int, kind: Nodetype, what: Any) -> int:  # noq
     for _ in range(count):  # each takes four bytes at least, so this ends with the data
         position = _after(data, position, element_kind, element)
     return position
+
+
+def _length(data: bytes, position: int) -> int:
+    length: int = LENGTH.unpack_from(data, _within(data, position + LENGTH.size) - LENGTH.size)[0]
+    return length
 
 
 def _within(data: bytes, position: int) -> int:

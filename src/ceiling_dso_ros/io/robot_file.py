@@ -102,6 +102,6 @@ def _numbers(value: Any, count: int) -> Optional[Sequence[float]]:  # noqa: ANN4
         return None
     try:
         numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         return None
     return tuple(numbers.tolist()) if numbers.shape == (count,) and np.isfinite(numbers).all() else None

@@ -45,8 +45,8 @@ def header(stamp_ns: int, frame_id: str, seq: int = 0) -> RosMessage:
 
 
 def header_stamp_ns(header: RosMessage) -> int:
-    """Nanoseconds of a std_msgs/Header."""
-    return stamp_from_parts(header.stamp.sec, header.stamp.nanosec)
+    """Nanoseconds of a std_msgs/Header; seconds are unsigned in ROS 1, and rosbags reads them as signed."""
+    return stamp_from_parts(header.stamp.sec % 2**32, header.stamp.nanosec)
 
 
 def vector(xyz: Vector) -> RosMessage:

@@ -24,7 +24,8 @@ class StaticTransforms:
         """Add the transforms of a tf2_msgs/TFMessage; the last one of a frame counts, what tf2 ignores is ignored."""
         for transform in message.transforms:
             q = transform.transform.rotation
-            if not abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) < UNIT_TOLERANCE:  # also where it is NaN
+            squared = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w  # q.x**2 would raise OverflowError
+            if not abs(squared - 1.0) < UNIT_TOLERANCE:  # also where it is NaN
                 continue
             try:
                 parent, child, T_parent_child = transform_matrix(transform)

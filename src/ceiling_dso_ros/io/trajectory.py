@@ -69,7 +69,8 @@ def read_tum(path: Union[str, Path]) -> Trajectory:
             stamp that is not later than the one before.
     """
     path = Path(path)
-    numbers, stamps, poses = array("q"), [], array("d")  # compact: there may be millions of lines
+    numbers, poses = array("q"), array("d")  # compact: there may be millions of lines
+    stamps: List[Decimal] = []
     for number, text in read_table(path):
         stamp, pose = _parse_line(text, path, number)
         numbers.append(number)

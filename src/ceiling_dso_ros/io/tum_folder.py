@@ -184,7 +184,8 @@ def _parse_time(line: str, path: Path, number: int) -> Tuple[str, str, Decimal, 
 
 
 def _read_encoders(path: Path) -> WheelSamples:
-    numbers, stamps, ticks = array("q"), [], array("q")  # compact: there may be millions of lines
+    numbers, ticks = array("q"), array("q")  # compact: there may be millions of lines
+    stamps: List[Decimal] = []
     for number, text in read_table(path):
         if not stamps and text.replace(" ", "") == "stamp,left,right":
             continue

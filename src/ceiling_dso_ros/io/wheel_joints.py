@@ -5,7 +5,7 @@ import math
 from typing import Dict, List, NamedTuple, Optional, Sequence
 
 from ceiling_dso_ros.io.joint_names import JointPair, are_of_one_base, partner, wheel_pairs
-from ceiling_dso_ros.io.limits import MOST_JOINTS
+from ceiling_dso_ros.io.limits import LARGEST_RAD, MOST_JOINTS
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 
 NAME_THEM = "name the wheels with left_joint and right_joint"
@@ -80,8 +80,9 @@ class WheelJoints:
             self.complaint = self.complaint or f"{', '.join(sorted(here - angles.keys()))} without a position, {only}"
             return None
         for name, angle in angles.items():
-            if not math.isfinite(angle):
-                self.complaint = f"the position of {name} is not finite"
+            if not abs(angle) < LARGEST_RAD:
+                what = f"{angle:g}, which is no angle of a wheel" if math.isfinite(angle) else "not finite"
+                self.complaint = f"the position of {name} is {what}"
                 return None
         return self._combine(stamp_ns, angles)
 

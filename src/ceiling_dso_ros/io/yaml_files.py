@@ -36,9 +36,9 @@ def _plain_values(text: str) -> Any:  # noqa: ANN401
         if document is None:
             return None
         _require_small(document)
-        return loader.construct_document(document)
+        return loader.construct_document(document)  # type: ignore[no-untyped-call]
     finally:
-        loader.dispose()
+        loader.dispose()  # type: ignore[no-untyped-call]
 
 
 def _require_small(document: yaml.Node) -> None:
