@@ -72,7 +72,7 @@ def test_the_error_of_a_motion_does_not_depend_on_where_it_began():
     moved = np.array([-3.0, 1.0, 2.0])
     args = planar.compose(moved, start), planar.compose(moved, end), start, end
     assert outcome.motion_error_m(*args) == pytest.approx(0.0, abs=1e-9)
-    assert outcome.motion_error_m(start, end + [0.3, -0.4, 0.0], start, end) == pytest.approx(0.5, abs=1e-9)
+    assert outcome.motion_error_m(start, end + np.array([0.3, -0.4, 0.0]), start, end) == pytest.approx(0.5, abs=1e-9)
 
 
 # One of each kind that needs real nodes most: images, the clock, a process.
