@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Bad images in a recording: how often the map is lost, and what they do to the error.
 
-Every five seconds one image is white, black, noise or torn (its lower half is 0.2 s old, or of the image before), or the
-lamps go to 40 % from one image to the next, for a second. At several image rates, alone and with the motion that the
-wheels predict.
+Every five seconds one image is white, black, noise or torn (its lower half is 0.2 s old, or of the image before). Or
+the lamps go to 40 % from one image to the next, for a second. At several image rates, alone and with the motion that
+the wheels predict.
 """
 
 import argparse

@@ -15,9 +15,10 @@ from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig, require
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
 from ceiling_dso_ros.io.replacing import replace_file
-from ceiling_dso_ros.io.text_files import read_text
+from ceiling_dso_ros.io.yaml_files import read_yaml
 
 Config = TypeVar("Config")
+LARGEST_INTEGER = 2**63
 ANGLE = re.compile(r"(deg|rad)\(([^()]*)\)")  # as rosparam writes angles
 
 
@@ -94,10 +95,7 @@ def write_settings(path: Path, config: object) -> None:
 
 
 def _read_yaml(path: Path) -> Mapping:
-    try:
-        values = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not valid yaml: {' '.join(str(error).split())}") from error
+    values = read_yaml(path)
     if not isinstance(values, (dict, type(None))):
         raise InputError(f"{path}: expected names and values, such as 'window: {{max_keyframes: 5}}'")
     return values or {}
@@ -108,7 +106,9 @@ def _read_override(override: str) -> Mapping:
         raise InputError(f"--set {override}: expected key=value")
     try:
         values = OmegaConf.to_container(OmegaConf.from_dotlist([override]))
-    except (OmegaConfBaseException, yaml.YAMLError) as error:
+    except RecursionError:
+        raise InputError(f"--set {override}: too deeply nested") from None
+    except (OmegaConfBaseException, yaml.YAMLError, ValueError) as error:  # ValueError: Python reads no endless integer
         raise InputError(f"--set {override}: {_describe(error)}") from error
     return cast(Dict[str, Any], values)  # of a DictConfig
 
@@ -120,6 +120,9 @@ def _require_plain(value: Any, default: Any, name: str) -> None:  # noqa: ANN401
             _require_plain(member, default.get(key), f"{name}.{key}" if name else str(key))
     for text in value if isinstance(value, list) else [value]:
         require(text != "???", f"{name}={text}: ??? is not a value")
+        _require_in_range(text, f"{name}={value}")
+        in_list = isinstance(value, list) and isinstance(text, (list, Mapping))
+        require(not in_list, f"{name}={value}: a list of values, not of further lists")
         require(not isinstance(text, str) or "${" not in text, f"{name}={text}: ${{ is not allowed in a value")
     if isinstance(default, bool):
         require(isinstance(value, (bool, str)), f"{name}={value}: true or false")
@@ -156,6 +159,12 @@ def _require_finite(values: Any, name: str) -> None:  # noqa: ANN401
             _require_finite(value, f"{name}.{member}" if name else member)
     for value in values if isinstance(values, list) else [values]:
         require(not isinstance(value, float) or math.isfinite(value), f"{name}={values}: not a finite number")
+        _require_in_range(value, f"{name}={values}")
+
+
+def _require_in_range(value: Any, shown: str) -> None:  # noqa: ANN401
+    """Refuse an integer that no int64 holds: what computes with it would fail, or see another number."""
+    require(not isinstance(value, int) or abs(value) < LARGEST_INTEGER, f"{shown}: too large a number")
 
 
 def _make_writable(settings: DictConfig) -> None:

@@ -209,3 +209,10 @@ def test_a_compressed_depth_image_is_refused():
     data = b"\0" * 12 + encode(".png", a_picture(np.uint16))
     with pytest.raises(FrameError, match="a compressedDepth image is a depth image, not one of a camera"):
         decode_compressed(data, "16UC1; compressedDepth png")
+
+
+def test_an_image_that_opencv_cannot_convert_concerns_itself_only():
+    """OpenCV has an error of its own for it; in a node that cost the map."""
+    data = cv2.imencode(".tiff", np.ones((4, 6), np.float32))[1].tobytes()
+    with pytest.raises(FrameError, match="an image of 6x4 pixels cannot be made grey"):
+        decode_compressed(data, "bayer_rggb8; tiff compressed ")

@@ -46,7 +46,7 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("a: [1", "is not yaml: while parsing a flow sequence"),
+        ("a: [1", "is not valid yaml: while parsing a flow sequence"),
         ("just text", "expected the keys ticks_per_turn, wheel_radius, wheel_base, T_base_camera"),
         (ROBOT.replace("4096", "no"), "ticks_per_turn must be a positive number, not False"),
         (ROBOT.replace("4096", "many"), "ticks_per_turn must be a positive number, not many"),
@@ -59,6 +59,8 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
         (ROBOT + "T_base_camera: 5", "T_base_camera is a group of values, not one: xyz, quat_xyzw"),
         (ROBOT.replace("0.485", "-0.485"), "wheel_base must be a positive number, not -0.485"),
         (ROBOT.replace("0.485", ".nan"), "wheel_base must be a positive number, not nan"),
+        (ROBOT.replace("4096", "9" * 310), "ticks_per_turn must be a positive number, not 999"),  # no float is so large
+        (ROBOT.replace("0.099", "9" * 310), "wheel_radius must be 2 positive numbers, not [0.098, 999"),
         (ROBOT + MOUNT + "camera_time_offset: late", "camera_time_offset must be a number, not late"),
         (ROBOT, "T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"),
         (ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[0, 0, 0, 0]"), "T_base_camera must have xyz (3 numbers, metres)"),

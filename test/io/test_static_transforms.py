@@ -57,7 +57,9 @@ def test_a_loop_ends():
     assert tree(("a", "b", np.eye(4)), ("b", "a", np.eye(4))).lookup("base_link", "a") is None
 
 
-@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (np.nan, 0, 0, 1), (0, 0, 0, 1.1), (1e-4, 0, 0, 0)])
+@pytest.mark.parametrize(
+    "quaternion", [(0, 0, 0, 0), (np.nan, 0, 0, 1), (0, 0, 0, 1.1), (1e-4, 0, 0, 0), (1e200, 0, 0, 1)]
+)
 def test_what_tf2_ignores_is_ignored(quaternion):
     good = ("base_link", "camera", translation(0, 0, 1))
     bad = transform_stamped(0, "base_link", "camera", np.eye(4))

@@ -2,12 +2,15 @@
 """Text files as editors and spreadsheets of any system write them."""
 
 import re
+import tracemalloc
+from pathlib import Path
 
 import pytest
 
+from ceiling_dso_ros.io import text_files
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.opening import open_recording
-from ceiling_dso_ros.io.text_files import read_lines
+from ceiling_dso_ros.io.text_files import read_lines, read_table, read_text
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.settings import load_settings
 
@@ -57,6 +60,51 @@ def test_lines_are_numbered_as_an_editor_does(tmp_path):
     path = tmp_path / "a.txt"
     path.write_bytes(b"\xef\xbb\xbf# head\r\n\r\n one \r\ntwo")
     assert read_lines(path) == [(f"{path}, line 3", "one"), (f"{path}, line 4", "two")]
+    assert list(read_table(path)) == [(3, "one"), (4, "two")]
+
+
+def test_line_ends_of_old_systems(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"one\r# head\rtwo\r")
+    assert list(read_table(path)) == [(1, "one"), (3, "two")]
+
+
+def test_a_long_trajectory_takes_memory_for_its_numbers_only(tmp_path):
+    """A million lines are read in some seconds and 250 MB."""
+    path = tmp_path / "long.tum"
+    lines = 5_000
+    path.write_text("".join(f"{k}.5 0.123456789 0 0 0 0 0 1\n" for k in range(lines)))
+    tracemalloc.start()
+    trajectory = read_tum(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(trajectory) == lines
+    assert peak < 450 * lines
+
+
+def test_a_table_without_lines_is_not_read_to_its_end(tmp_path):
+    path = tmp_path / "a.tum"
+    with path.open("wb") as file:
+        file.truncate(2**31)
+    with pytest.raises(InputError, match=re.escape(f"{path}, line 1: has more than 10000 characters")):
+        list(read_table(path))
+    with pytest.raises(InputError, match=re.escape(f"{path}: has more than 100000 bytes")):
+        read_text(path)
+
+
+def test_a_table_that_never_ends():
+    path = Path("/dev/zero")
+    for read in (read_text, lambda path: list(read_table(path))):
+        with pytest.raises(InputError, match=r"^/dev/zero"):
+            read(path)
+
+
+def test_a_table_that_is_too_large(tmp_path, monkeypatch):
+    path = tmp_path / "a.tum"
+    path.write_text("1 0 0 0 0 0 0 1\n" * 10)
+    monkeypatch.setattr(text_files, "MOST_TABLE_BYTES", 100)
+    with pytest.raises(InputError, match=re.escape(f"{path}: has more than 100 bytes; split it")):
+        read_tum(path)
 
 
 def in_nanoseconds(text, column, separator):

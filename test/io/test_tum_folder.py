@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.io import image_decoding
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
@@ -220,3 +221,52 @@ def test_float_images(tum_folder):
     assert len(frames) == 6
     assert {frame.image.dtype for frame in frames} == {np.dtype(np.float32)}
     assert 0.8 < frames[0].image.max() <= 1.0
+
+
+def test_members_of_an_archive_stay_in_it(tum_folder, tmp_path):
+    """Only names are compared; nothing is unpacked, and no path is made of what an archive or times.txt says."""
+    into_zip(tum_folder, "../../../outside/")
+    (tmp_path / "secret.png").write_bytes(b"not to be read")
+    times = tum_folder / "times.txt"
+    times.write_text(times.read_text() + "../secret 1700000009 5\n/dev/zero 1700000010 5\n")
+    before = sorted(tmp_path.rglob("*"))
+    frames = list(open_recording(tum_folder).frames())
+    assert [isinstance(frame, Frame) for frame in frames] == [True] * 6 + [False] * 2
+    assert "the image is not in" in frames[-1].reason
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_member_that_becomes_too_large_is_not_unpacked(tum_folder, monkeypatch):
+    with zipfile.ZipFile(tum_folder / "images.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in (tum_folder / "images").iterdir():
+            archive.writestr(path.name, bytes(2 * 10**6))
+    shutil.rmtree(tum_folder / "images")
+    assert (tum_folder / "images.zip").stat().st_size < 10**5
+    monkeypatch.setattr(image_decoding, "MOST_IMAGE_BYTES", 10**6)
+    monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("was unpacked"))
+    skipped = list(open_recording(tum_folder).frames())
+    assert [frame.kind for frame in skipped] == ["the image has 2000000 bytes, more than 1000000"] * 6
+
+
+def test_a_file_that_is_too_large_is_not_read(tum_folder, monkeypatch):
+    monkeypatch.setattr(image_decoding, "MOST_IMAGE_BYTES", 10**6)
+    with (tum_folder / "images" / "00002.png").open("wb") as file:
+        file.truncate(2**40)
+    frames = list(open_recording(tum_folder).frames())
+    assert frames[2].kind == f"the image has {2**40} bytes, more than 1000000"
+    assert sum(isinstance(frame, Frame) for frame in frames) == 5
+
+
+def test_an_encrypted_archive(tum_folder):
+    into_zip(tum_folder, "")
+    path = tum_folder / "images.zip"
+    content = bytearray(path.read_bytes())
+    for magic, flags in ((b"PK\x01\x02", 8), (b"PK\x03\x04", 6)):
+        at = content.find(magic)
+        while at >= 0:
+            content[at + flags] |= 1
+            at = content.find(magic, at + 1)
+    path.write_bytes(bytes(content))
+    skipped = list(open_recording(tum_folder).frames())
+    assert len(skipped) == 6
+    assert all("cannot read the image: File" in frame.reason and "encrypted" in frame.reason for frame in skipped)

@@ -59,6 +59,7 @@ def test_a_pair_that_turns_up_later_is_not_taken_but_said():
         ([1.0], [], "wheel_right without a position, and no positions"),
         ([1.0, math.nan], [], "the position of wheel_right is not finite"),
         ([math.inf, 1.0], [], "the position of wheel_left is not finite"),
+        ([1.0, 1e300], [], "the position of wheel_right is 1e+300, which is no angle of a wheel"),
     ],
 )
 def test_wheels_without_a_position_are_said(positions, velocities, complaint):

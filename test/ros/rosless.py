@@ -53,8 +53,7 @@ class Rosless:
                 return int(self.topic in world.listened)
 
             def publish(self, message):
-                world.sent[self.topic] = world.sent.get(self.topic, 0) + 1
-                world.newest[self.topic] = message
+                world.publish(self.topic, message)
 
         class Subscriber:
             def __init__(self, topic, _kind, callback, *_args, **_kwargs):
@@ -99,6 +98,11 @@ class Rosless:
         for server in ("dso_server", "fusion_server"):
             monkeypatch.setattr(f"ceiling_dso_ros.ros.{server}.ReconfigureServer", Endpoint)
         monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.load_kernels", lambda: None)
+
+    def publish(self, topic, message):
+        """Called for every message that is published."""
+        self.sent[topic] = self.sent.get(topic, 0) + 1
+        self.newest[topic] = message
 
     def diagnostics(self):
         """The status that the node reports now."""

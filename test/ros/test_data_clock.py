@@ -98,3 +98,17 @@ def test_a_clock_that_is_set_back_for_ever_does_not_fill_the_memory(monkeypatch)
         clock.set_back(stamp_ns)
         assert clock.stamp_ns(clock.inner_ns(stamp_ns)) == stamp_ns
     assert len(clock._eras) == 3
+
+
+def test_stamps_that_are_wrong_by_a_century_do_not_add_up():
+    """Trajectories have the inner stamps, as int64: the third such stamp was beyond."""
+    clock = clock_after(START_NS, START_NS + STEP_NS)
+    wrong_ns = (2**32 - 1) * 10**9
+    for k in range(2, 100):
+        stamp_ns = START_NS + k * STEP_NS
+        assert clock.take(wrong_ns) is StampKind.NEXT
+        assert clock.stamp_ns(clock.last_ns) == wrong_ns
+        assert clock.take(stamp_ns) is StampKind.BACK
+        clock.set_back(stamp_ns)
+        assert clock.stamp_ns(clock.last_ns) == stamp_ns
+        assert clock.inner_ns(stamp_ns) == clock.last_ns == START_NS + (2 * k - 1) * STEP_NS

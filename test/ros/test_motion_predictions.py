@@ -47,5 +47,6 @@ def test_garbage_is_not_used():
     message.motion.position.x = float("nan")
     assert stretched(message, START_NS + 20_000_000) is None
     message = prediction()
-    message.covariance[3] = float("nan")
-    assert stretched(message, START_NS + 20_000_000) is None
+    for wrong in (float("nan"), 1e300):
+        message.covariance = [*COVARIANCE[:3], wrong, *COVARIANCE[4:]]
+        assert stretched(message, START_NS + 20_000_000) is None

@@ -10,12 +10,14 @@ pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built works
 pytestmark = pytest.mark.ros
 
 import rospy  # noqa: E402
+from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rosless import Rosless  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from straight_drive import Drive  # noqa: E402
 
+from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
 from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
 from ceiling_dso_ros.ros import diagnostics, trajectory_keeper  # noqa: E402
@@ -23,6 +25,7 @@ from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: 
 from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
 from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
+from ceiling_dso_ros.srv import SetPoseRequest  # noqa: E402
 
 ROBOT = {
     "ticks_per_turn": 4096.0,
@@ -160,6 +163,15 @@ def test_the_end_without_a_folder_leaves_nothing(fusion, ros_home):
     assert list((ros_home / "ceiling_dso_ros").iterdir()) == []
 
 
+def test_answers_of_services_are_one_line_of_bounded_length(fusion):
+    fusion.go_on(3)
+    pose = PoseStamped(header=Header(frame_id="a\n" + "x" * 5000))
+    answer = fusion.world.services["~set_pose"](SetPoseRequest(pose))
+    assert not answer.success
+    assert answer.message.isprintable()
+    assert answer.message.endswith(", not in odom")
+
+
 def test_a_home_that_cannot_be_written_stops_nothing(rosless, ros_home, tmp_path):
     ros_home.touch()
     fusion = FusionDrive(rosless(robot=ROBOT))
@@ -250,6 +262,31 @@ def test_a_size_that_cannot_be_tracked_is_stated_and_survived(camera):
     assert status.message in camera.world.diagnostics().message
     camera.calibrate()
     assert camera.see().state == VisualOdometryStatus.INITIALIZING
+
+
+def test_a_camera_info_of_other_images_costs_neither_map_nor_memory(camera):
+    """Of 192x65535 pixels, the odometry would take 2 GB."""
+    camera.calibrate()
+    camera.see()
+    run = camera.server._run
+    camera.calibrate(192, 65535)
+    status = camera.see()
+    assert (status.state, camera.server._run) == (VisualOdometryStatus.INITIALIZING, run)
+    assert status.message == f"the image is {WIDTH}x{HEIGHT}, but the calibration is for 192x65535"
+    camera.calibrate()
+    assert camera.see().message != status.message
+    assert camera.server._run is run
+
+
+def test_what_is_said_of_an_image_is_one_line_of_bounded_length(camera):
+    camera.calibrate()
+    camera.see()
+    wrong = Image(Header(stamp=ros_time(Drive.BEGIN_NS)), HEIGHT, WIDTH, "x\n" * 3000, 0, WIDTH, b"")
+    camera.server._process_safely(wrong)
+    status = camera.world.newest["visual_odometry/status"]
+    for said in (camera.world.logged[-1], status.message, camera.world.diagnostics().message):
+        assert said.isprintable()
+        assert len(said) <= LONGEST_MESSAGE
 
 
 def test_an_error_in_publishing_concerns_one_image(camera, monkeypatch):

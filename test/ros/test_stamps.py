@@ -31,6 +31,12 @@ def test_ros_times_and_back(stamp_ns):
     assert ros_time(stamp_ns).to_nsec() == stamp_ns
 
 
+@pytest.mark.parametrize(("stamp_ns", "nearest_ns"), [(-1, 0), (LATEST_ROS_NS + 3 * 10**9, LATEST_ROS_NS)])
+def test_stamps_that_ros_has_no_time_for_can_be_sent(stamp_ns, nearest_ns):
+    """As of a message whose nanoseconds are more than a second at the end of time: its output could not be sent."""
+    assert sent(Header(stamp=ros_time(stamp_ns))).stamp.to_nsec() == nearest_ns
+
+
 @settings(deadline=None, database=None)
 @given(ros_stamps, ros_stamps)
 def test_a_status_and_its_keyframes(image_ns, keyframe_ns):

@@ -60,7 +60,13 @@ def test_the_covariance_comes_out_as_it_went_in_and_none_as_none():
 
 
 @pytest.mark.parametrize(
-    ("value", "words"), [(float("nan"), "not finite"), (float("inf"), "not finite"), (-1.0, "negative variances")]
+    ("value", "words"),
+    [
+        (float("nan"), "not finite"),
+        (float("inf"), "not finite"),
+        (1e300, "has a number beyond 1e\\+16"),  # no eigenvalues are found of it
+        (-1.0, "negative variances"),
+    ],
 )
 def test_a_covariance_that_is_none_is_refused(value, words):
     message = message_of(replace(status(3), relative_covariance=covariance()))
@@ -105,6 +111,20 @@ def test_garbage_is_refused():
     message.pose.append(RelativePose(keyframe_id=7, pose=Pose()))
     with pytest.raises(ValueError, match="2 poses of one image"):
         VisualInput(DataClock()).status(message)
+
+
+def test_a_segment_that_cannot_be_published_is_refused():
+    """fusion/scale has it as an int32."""
+    message = message_of(status(3, with_keyframes=True))
+    message.segment = 2**31
+    with pytest.raises(ValueError, match="the segment 2147483648 is beyond 2147483647"):
+        VisualInput(DataClock()).status(message)
+    message = message_of(status(3, with_keyframes=True))
+    message.keyframes[0].segment = 2**32 - 1
+    with pytest.raises(ValueError, match="the segment 4294967295 is beyond"):
+        VisualInput(DataClock()).status(message)
+    with pytest.raises(ValueError, match="the segment 4294967295 is beyond"):
+        VisualInput(DataClock()).window(Keyframes(message.header, message.keyframes))
 
 
 def test_stamps_are_brought_onto_the_clock_of_the_wheels():

@@ -11,7 +11,7 @@ from ceiling_dso_ros import __version__
 from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, run, simulate
 from ceiling_dso_ros.cli.outputs import complain
 from ceiling_dso_ros.cli.standard_streams import forgive_standard_streams
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError, OutputError, one_line
 from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -24,7 +24,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, like all errors of the package."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_INPUT, f"error: {message}; see {self.prog} --help\n")
+        self.exit(WRONG_INPUT, one_line(f"error: {message}; see {self.prog} --help") + "\n")
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Iterable
 
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError, OutputError, one_line
 from ceiling_dso_ros.io.replacing import require_writable
 
 
@@ -35,4 +35,4 @@ def require_output_file(path: Path, names_beside: Iterable[str] = ()) -> None:
 
 def complain(message: str) -> None:
     """One line on stderr."""
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(one_line(f"error: {' '.join(message.split())}"), file=sys.stderr)

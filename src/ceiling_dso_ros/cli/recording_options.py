@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Dict, Optional, Tuple
 
 from ceiling_dso_ros.cli.wheel_options import topics_of_wheels
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.dso import OdometryConfig
@@ -97,4 +97,4 @@ def warn(message: str) -> None:
     """Write a warning to stderr, above a progress bar."""
     from tqdm import tqdm
 
-    tqdm.write(f"warning: {message}", file=sys.stderr)
+    tqdm.write(one_line(f"warning: {message}"), file=sys.stderr)

@@ -2,17 +2,18 @@
 """Results of the odometry for recordings, kept in a folder because rendering and tracking a drive takes minutes."""
 
 import hashlib
+import io
 import itertools
 import pickle
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import List, Tuple
+from typing import Any, List, Tuple
 
 from tqdm import tqdm
 
 from ceiling_dso_ros import dso, simulation
-from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus, TrackingState, hosted_points, status
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
@@ -21,6 +22,13 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 
 UNSEEN_EVENTS = ("slip",)
+# What pickles of arrays and of their numbers name.
+OF_ARRAYS = (
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    ("numpy.core.multiarray", "_reconstruct"),
+    ("numpy.core.multiarray", "scalar"),
+)
 
 Statuses = Tuple[OdometryStatus, ...]
 
@@ -75,7 +83,7 @@ class Kept:
             self.folder.mkdir(parents=True, exist_ok=True)
             path.write_bytes(pickle.dumps((version, run.track(recording, name))))
         statuses: Statuses
-        tracked_by, statuses = pickle.loads(path.read_bytes())
+        tracked_by, statuses = _Unpickler(io.BytesIO(path.read_bytes())).load()
         if tracked_by != version:
             print(f"{path}: made by another version of odometry or simulator; --fresh tracks again", file=sys.stderr)
         return statuses
@@ -98,6 +106,24 @@ def is_missing(folder: Path) -> bool:
     if not folder.is_dir():
         print(f"{folder} is missing, skipped: set CEILING_DSO_DATA to the folder of the recordings", file=sys.stderr)
     return not folder.is_dir()
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads results and nothing else: any other pickle could run what it likes."""
+
+    def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401
+        """A class or function that a pickle names."""
+        if (module, name) == ("builtins", "getattr"):  # how Python 3.11 names members of enumerations
+            return _state
+        if module in (status.__name__, hosted_points.__name__) or (module, name) in OF_ARRAYS:
+            return super().find_class(module, name)
+        raise pickle.UnpicklingError(f"{module}.{name} is no part of a result; --fresh tracks again")
+
+
+def _state(kind: type, name: str) -> TrackingState:
+    if kind is not TrackingState:
+        raise pickle.UnpicklingError(f"{kind}.{name} is no part of a result; --fresh tracks again")
+    return TrackingState[name]
 
 
 def _version() -> str:

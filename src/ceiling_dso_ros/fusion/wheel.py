@@ -21,6 +21,9 @@ TURN = 2.0 * math.pi
 # Finer readings are no better: gears have play, and wheels are not round. Nor may the covariance become singular.
 FINEST_RAD, FINEST_M = 1e-3, 5e-5
 
+# Of ticks, radians or metres; beyond what an int64 holds, differences are no longer those of wheels.
+LARGEST = 2.0**63
+
 # Two readings and the seconds between them -> the (3,) twist, None when no robot can have moved so.
 TwistOf = Callable[[np.ndarray, np.ndarray, float], Optional[np.ndarray]]
 
@@ -266,7 +269,7 @@ class WheelOdometry:
 
     def _add(self, stamp_ns: int, reading: np.ndarray, twist_of: TwistOf) -> Optional[WheelStep]:
         self.message = ""
-        if not np.isfinite(reading).all():
+        if not (np.abs(reading) <= LARGEST).all():
             self._drop(f"wheels: sample with a value that is not finite at {_text(stamp_ns)} dropped")
             return None
         if self._last is None:

@@ -43,6 +43,7 @@ DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
     ),
     "sensor_msgs/msg/CompressedImage": lambda image: decode_compressed(image.data, image.format),
 }
+MOST_CALIBRATIONS = 100  # different ones that are looked at: each takes up to a tenth of a second
 FIRST_IMAGES = 10  # that are tried for the size of all
 
 
@@ -141,15 +142,17 @@ class BagRecording(Recording):
         """All messages with images; a camera_info in between that describes another camera is warned of."""
         known = self.calibration
         fields: Dict[str, Any] = {}
+        changes = 0
         for raw in read_messages(self.path, [topic for topic in (self._image_topic, self._info_topic) if topic]):
             if raw.topic == self._image_topic:
                 yield raw
                 continue
             with suppress(FrameError, InputError):
                 info = raw.content()
-                if camera_info_fields(info) == fields:
+                if changes == MOST_CALIBRATIONS or camera_info_fields(info) == fields:
                     continue
                 fields = camera_info_fields(info)
+                changes += 1
                 calibration = self._calibration_of(info)
                 if calibration != known:
                     self._warn(
@@ -170,7 +173,14 @@ class BagRecording(Recording):
         """The first calibration in the bag."""
         topic = self._info_topic or ""
         complaint: Optional[InputError] = None
+        known: List[Dict[str, Any]] = []
         for _, _, info in self._contents("sensor_msgs/msg/CameraInfo", topic):
+            fields = camera_info_fields(info)
+            if fields in known[-1:]:
+                continue
+            if len(known) == MOST_CALIBRATIONS:
+                break
+            known.append(fields)
             try:
                 calibration = self._calibration_of(info)
             except InputError as error:  # drivers may begin before they have read their calibration

@@ -6,9 +6,9 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Iterator, List, NamedTuple, Sequence
 
-from rosbags.rosbag1 import Reader
-
+from ceiling_dso_ros.io.bag_bounds import BoundedReader
 from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.message_lengths import check_lengths
 from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -36,13 +36,14 @@ class RawMessage(NamedTuple):
             FrameError: the bytes are not those of such a message.
         """
         try:
+            check_lengths(self.data, self.message_type)
             return TYPES.deserialize_ros1(self.data, self.message_type)
         except Exception as error:  # damaged bytes end in errors of any kind
             raise FrameError(f"damaged message of {len(self.data)} bytes") from error
 
 
 @contextmanager
-def open_bag(path: Path) -> Iterator[Reader]:
+def open_bag(path: Path) -> Iterator[BoundedReader]:
     """The bag's index and messages.
 
     Raises:
@@ -56,7 +57,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
     if magic != MAGIC:
         raise InputError(f"{path}: is not a ROS 1 bag (format 2.0)")
     try:
-        with Reader(path) as reader:
+        with BoundedReader(path) as reader:
             yield reader
     except (InputError, FrameError):
         raise

@@ -8,8 +8,9 @@ from typing import List, Sequence, Tuple, Union
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.lens_models import LensCamera, check_principal_point
+from ceiling_dso_ros.io.limits import MOST_PIXELS
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
 from ceiling_dso_ros.io.text_files import read_lines
 
@@ -40,6 +41,18 @@ class CameraCalibration:
         lens, camera = self.lens, self.camera
         same = (lens.fx, lens.fy, lens.cx, lens.cy) == (camera.fx, camera.fy, camera.cx, camera.cy)
         return same and lens.model == "Pinhole" and (lens.width, lens.height) == (camera.width, camera.height)
+
+    def require_size_of(self, image: np.ndarray) -> None:
+        """Refuse an (H, W) image of another size than the raw camera's.
+
+        Raises:
+            FrameError: naming both sizes.
+        """
+        height, width = image.shape
+        if (width, height) != (self.lens.width, self.lens.height):
+            raise FrameError(
+                f"the image is {width}x{height}, but the calibration is for {self.lens.width}x{self.lens.height}"
+            )
 
 
 def read_camera_file(path: Union[str, Path]) -> CameraCalibration:
@@ -96,6 +109,8 @@ def _parse_size(line: str, where: str) -> Tuple[int, int]:
         raise InputError(f"{where}: '{line}'; expected 'width height' in pixels") from None
     if width <= 0 or height <= 0:
         raise InputError(f"{where}: the image size {width} {height} must be positive")
+    if width * height > MOST_PIXELS:
+        raise InputError(f"{where}: the image size {width} {height} is more than {MOST_PIXELS} pixels")
     return width, height
 
 

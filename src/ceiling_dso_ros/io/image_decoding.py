@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.io.errors import FrameError
-from ceiling_dso_ros.io.image_encodings import BAYER_TO_GREY, ENCODINGS, KNOWN, finite_floats
+from ceiling_dso_ros.io.image_encodings import BAYER_TO_GREY, ENCODINGS, KNOWN, Conversion, finite_floats
+from ceiling_dso_ros.io.image_headers import JPEG_SIGNATURE, PNG_SIGNATURE, declared_size, scans
+from ceiling_dso_ros.io.limits import MOST_IMAGE_BYTES, MOST_PIXELS, MOST_SCANS
 
 # What is wrong with an image is said once, by the caller: OpenCV would write to stderr for each of them.
 cv2.setLogLevel(0)  # silent
 
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # As stored: cameras that look up write any orientation into their files.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
@@ -46,17 +47,18 @@ def decode_image(
     row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0 or step < row_bytes:
         raise FrameError(f"an image of {width}x{height} {encoding} cannot have rows of {step} bytes")
+    _require_pixels(width, height)
     buffer = np.frombuffer(data, np.uint8)
     if buffer.size < height * step:
         raise FrameError(f"truncated image: {buffer.size} bytes instead of {height * step}")
     rows = buffer[: height * step].reshape(height, step)[:, :row_bytes]
     if dtype.itemsize > 1 or channels > 1 or to_grey in BAYER_TO_GREY.values():
         rows = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
-    return to_grey(rows if channels == 1 else rows.reshape(height, width, channels))
+    return _grey(to_grey, rows if channels == 1 else rows.reshape(height, width, channels))
 
 
 def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") -> np.ndarray:
-    """Grey image of the bytes of a JPEG, PNG, TIFF or other image file, not turned by what it says of orientation.
+    """Grey image of the bytes of a JPEG, PNG, TIFF, BMP or PNM file, not turned by what it says of orientation.
 
     Args:
         data: the whole file.
@@ -67,13 +69,20 @@ def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") ->
         (H, W) uint8, uint16 if the file has 16 bits, float32 if it has floats.
 
     Raises:
-        FrameError: the bytes are no image, not all of one, or not one of a camera.
+        FrameError: the bytes are no image, not all of one, one that is too large, or not one of a camera.
     """
     if "compressedDepth" in image_format:
         raise FrameError("a compressedDepth image is a depth image, not one of a camera; name another image topic")
     data = bytes(data)
+    require_image_bytes(len(data))
     if _is_truncated(data):
         raise FrameError(f"truncated image: its {len(data)} bytes have no end mark")
+    width, height = declared_size(data)
+    if width <= 0 or height <= 0:
+        raise FrameError(f"not a readable image ({len(data)} bytes)")
+    _require_pixels(width, height)
+    if scans(data) > MOST_SCANS:
+        raise FrameError(f"damaged image: {scans(data)} scans, each of which takes the time of an image")
     if _is_damaged_png(data):
         raise FrameError(f"damaged image: a checksum in its {len(data)} bytes is wrong")
     pattern = re.match("bayer_[a-z]{4}", image_format)
@@ -88,7 +97,7 @@ def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") ->
         if image.ndim == 3:  # converted before it was compressed
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         elif to_grey is not None:
-            image = to_grey(image)
+            image = _grey(to_grey, image)
     if image.dtype.kind == "f":
         return finite_floats(image)
     if image.dtype not in (np.uint8, np.uint16):
@@ -96,9 +105,32 @@ def decode_compressed(data: Union[bytes, np.ndarray], image_format: str = "") ->
     return image
 
 
+def require_image_bytes(count: int) -> None:
+    """Refuse an image file before it is read.
+
+    Raises:
+        FrameError: it has more bytes than any image of a camera.
+    """
+    if count > MOST_IMAGE_BYTES:
+        raise FrameError(f"the image has {count} bytes, more than {MOST_IMAGE_BYTES}")
+
+
+def _require_pixels(width: int, height: int) -> None:
+    if width * height > MOST_PIXELS:
+        raise FrameError(f"the image is said to be {width}x{height}, more than {MOST_PIXELS} pixels")
+
+
+def _grey(to_grey: Conversion, image: np.ndarray) -> np.ndarray:
+    try:
+        return to_grey(image)
+    except cv2.error as error:
+        height, width = image.shape[:2]
+        raise FrameError(f"an image of {width}x{height} pixels cannot be made grey") from error
+
+
 def _is_truncated(data: bytes) -> bool:
     """JPEG and PNG decoders fill what is missing with grey, so the end mark has to be looked for."""
-    if data.startswith(b"\xff\xd8"):  # neither mark occurs within image data
+    if data.startswith(JPEG_SIGNATURE):  # neither mark occurs within image data
         start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
         return end_of_image <= start_of_scan
     return data.startswith(b"\x89PNG") and b"IEND" not in data

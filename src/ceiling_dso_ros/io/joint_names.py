@@ -102,12 +102,12 @@ def are_of_one_base(pairs: Iterable[JointPair]) -> bool:
 
 
 def _pairs(joints: Dict[str, JointName]) -> List[JointPair]:
-    return [
-        JointPair(left, right)
-        for left, of_left in joints.items()
-        for right, of_right in joints.items()
-        if (of_left.side, of_right.side) == ("left", "right") and of_left.words == of_right.words
-    ]
+    rights: Dict[Tuple[str, ...], List[str]] = {}
+    for name, joint in joints.items():
+        if joint.side == "right":
+            rights.setdefault(joint.words, []).append(name)
+    lefts = ((name, joint.words) for name, joint in joints.items() if joint.side == "left")
+    return [JointPair(left, right) for left, words in lefts for right in rights.get(words, [])]
 
 
 def _only_pair(joints: Dict[str, JointName]) -> List[JointPair]:

@@ -10,6 +10,8 @@ from typing import Callable, Dict, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.io.limits import MOST_PIXELS
+
 Coefficients = Tuple[float, ...]
 Coordinates = Tuple[np.ndarray, np.ndarray]
 
@@ -45,6 +47,8 @@ class LensCamera:
             raise ValueError(f"the focal lengths fx={self.fx:g} fy={self.fy:g} must be positive")
         if self.width <= 0 or self.height <= 0:
             raise ValueError(f"the image size {self.width}x{self.height} must be positive")
+        if self.width * self.height > MOST_PIXELS:
+            raise ValueError(f"the image size {self.width}x{self.height} is more than {MOST_PIXELS} pixels")
 
     @property
     def matrix(self) -> np.ndarray:

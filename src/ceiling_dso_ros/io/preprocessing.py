@@ -41,7 +41,7 @@ class ImagePreprocessor:
         Raises:
             InputError: the images cannot be scaled to that size.
         """
-        self._raw_size = (calibration.lens.width, calibration.lens.height)
+        self._calibration = calibration
         self._photometric = photometric
         self._grey_range = GreyRange() if grey_range is None else grey_range
         self._undistorter = Undistorter(calibration)
@@ -76,8 +76,4 @@ class ImagePreprocessor:
         """
         if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16, np.float32):
             raise FrameError(f"an image must be (height, width) uint8, uint16 or float32, not {raw.shape} {raw.dtype}")
-        height, width = raw.shape
-        if (width, height) != self._raw_size:
-            raise FrameError(
-                f"the image is {width}x{height}, but the calibration is for {self._raw_size[0]}x{self._raw_size[1]}"
-            )
+        self._calibration.require_size_of(raw)

@@ -265,9 +265,5 @@ class Recording(ABC):
             how = "repeats" if listed.stamp_ns == last_ns else "lies before"
             raise FrameError(f"the stamp {format_stamp(listed.stamp_ns)} {how} that of the last frame")
         image = listed.decode()
-        lens = self.calibration.lens
-        if image.shape != (lens.height, lens.width):
-            raise FrameError(
-                f"the image is {image.shape[1]}x{image.shape[0]}, but the calibration is for {lens.width}x{lens.height}"
-            )
+        self.calibration.require_size_of(image)
         return image

@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional, Sequence
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
 from ceiling_dso_ros.io.recording import RobotDescription
-from ceiling_dso_ros.io.text_files import read_text
+from ceiling_dso_ros.io.yaml_files import read_yaml
 
 NAMES = {
     "ticks_per_turn": None,
@@ -32,10 +31,7 @@ def read_robot_file(path: Path, find_mount: Optional[Callable[[], np.ndarray]] =
     Raises:
         InputError: the file cannot be read, or a value is missing, unknown or impossible.
     """
-    try:
-        content = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not yaml: {' '.join(str(error).split())}") from error
+    content = read_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: expected the keys ticks_per_turn, wheel_radius, wheel_base, T_base_camera")
     mount = None if find_mount is None or content.get("T_base_camera", "") != "" else find_mount()
@@ -106,6 +102,6 @@ def _numbers(value: Any, count: int) -> Optional[Sequence[float]]:  # noqa: ANN4
         return None
     try:
         numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         return None
     return tuple(numbers.tolist()) if numbers.shape == (count,) and np.isfinite(numbers).all() else None

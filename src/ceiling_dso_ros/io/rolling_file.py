@@ -10,6 +10,7 @@ from ceiling_dso_ros.io.errors import InputError, reason_of
 
 MOST_PENDING = 2**22  # bytes that wait for a disk that does not answer; several minutes of a node's results
 CHUNK = 2**20
+LONGEST_RECORD = 10_000  # bytes of a record or a line
 
 
 class RollingFile:
@@ -120,6 +121,8 @@ def _whole_records(path: Path, record_size: int) -> Iterator[bytes]:
     for chunk in _chunks(path):
         rest += chunk
         end = rest.rfind(b"\n") + 1 if record_size == 0 else len(rest) // record_size * record_size
+        if end == 0 and len(rest) > LONGEST_RECORD:  # no lines: for those who can tell what is damaged
+            end = len(rest)
         if end:
             yield rest[:end]
             rest = rest[end:]

@@ -8,6 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.io.limits import LARGEST_M
 from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
 
 RosMessage = Any  # the classes of the type store have no common base
@@ -44,8 +45,8 @@ def header(stamp_ns: int, frame_id: str, seq: int = 0) -> RosMessage:
 
 
 def header_stamp_ns(header: RosMessage) -> int:
-    """Nanoseconds of a std_msgs/Header."""
-    return stamp_from_parts(header.stamp.sec, header.stamp.nanosec)
+    """Nanoseconds of a std_msgs/Header; seconds are unsigned in ROS 1, and rosbags reads them as signed."""
+    return stamp_from_parts(header.stamp.sec % 2**32, header.stamp.nanosec)
 
 
 def vector(xyz: Vector) -> RosMessage:
@@ -84,11 +85,13 @@ def pose_matrix(position: RosMessage, orientation: RosMessage) -> np.ndarray:
     """(4, 4) transform of a geometry_msgs/Point or Vector3 and a Quaternion, of rosbags or of rospy.
 
     Raises:
-        ValueError: a number is not finite, or the quaternion is zero.
+        ValueError: a number is not finite or beyond all bounds, or the quaternion is zero.
     """
     numbers = np.array([position.x, position.y, position.z, orientation.x, orientation.y, orientation.z, orientation.w])
     if not np.isfinite(numbers).all():
         raise ValueError("the pose has a number that is not finite")
+    if np.abs(numbers).max() > LARGEST_M:
+        raise ValueError(f"the pose has a number beyond {LARGEST_M:g}")
     if np.linalg.norm(numbers[3:]) < 1e-6:
         raise ValueError("the pose's quaternion is zero")
     T = np.eye(4)
@@ -101,7 +104,7 @@ def planar_pose(pose: RosMessage) -> np.ndarray:
     """(3,) x, y, yaw of a geometry_msgs/Pose, of rosbags or of rospy; z, roll and pitch are left out.
 
     Raises:
-        ValueError: a number is not finite, or the quaternion is zero.
+        ValueError: as `pose_matrix`.
     """
     T = pose_matrix(pose.position, pose.orientation)
     return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
@@ -111,7 +114,7 @@ def transform_matrix(transform: RosMessage) -> Tuple[str, str, np.ndarray]:
     """Parent, child and T_parent_child (4, 4) of a geometry_msgs/TransformStamped.
 
     Raises:
-        ValueError: a number is not finite, or the quaternion is zero.
+        ValueError: as `pose_matrix`.
     """
     T_parent_child = pose_matrix(transform.transform.translation, transform.transform.rotation)
     return transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/"), T_parent_child

@@ -5,6 +5,7 @@ from typing import Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.io.limits import MOST_FRAMES
 from ceiling_dso_ros.io.ros_messages import RosMessage, transform_matrix
 
 UNIT_TOLERANCE = 1e-2  # of the squared length of a quaternion, as in tf2, which ignores a transform beyond it
@@ -23,7 +24,8 @@ class StaticTransforms:
         """Add the transforms of a tf2_msgs/TFMessage; the last one of a frame counts, what tf2 ignores is ignored."""
         for transform in message.transforms:
             q = transform.transform.rotation
-            if not abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) < UNIT_TOLERANCE:  # also where it is NaN
+            squared = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w  # q.x**2 would raise OverflowError
+            if not abs(squared - 1.0) < UNIT_TOLERANCE:  # also where it is NaN
                 continue
             try:
                 parent, child, T_parent_child = transform_matrix(transform)
@@ -48,7 +50,7 @@ class StaticTransforms:
     def _ancestors(self, frame: str) -> Dict[str, np.ndarray]:
         """The frame and all above it, nearest first, with T_ancestor_frame."""
         poses = {frame: np.eye(4)}
-        while frame in self._parents:
+        while frame in self._parents and len(poses) <= MOST_FRAMES:
             parent, T_parent_frame = self._parents[frame]
             if parent in poses:  # a loop
                 break

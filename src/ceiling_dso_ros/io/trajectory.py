@@ -1,25 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectories in the TUM format: a line `stamp tx ty tz qx qy qz qw` for every pose."""
 
+import math
 import re
+from array import array
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Callable, List, Optional, Tuple, Union
+from typing import Callable, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.limits import LARGEST_M
 from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp, longest_increasing, parse_stamp
-from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines, stamps_of_file
+from ceiling_dso_ros.io.text_files import increasing_stamps, place_of_line, read_table, stamps_of_file
 from ceiling_dso_ros.io.warning_log import CountedMessages
 
 LINE = "%s" + 7 * " %.9f" + "\n"
 QUOTED = re.compile(r"'[^']*'")  # what a line has instead of a number
-Rows = List[Tuple[str, Decimal, List[float]]]  # where a line is, its stamp, its pose
 
 
 @dataclass(frozen=True)
@@ -76,63 +78,76 @@ def read_tum(path: Union[str, Path], warn: Optional[Callable[[str], None]] = Non
 
     Raises:
         InputError: unreadable or empty file, or no usable line. Without `warn` also a line of another form, a number
-            that is not finite, or a stamp that is not later than the one before.
+            that is not finite or too large, or a stamp that is not later than the one before.
     """
     path = Path(path)
     wrong = CountedMessages()
-    rows = _parse_lines(path, None if warn is None else wrong)
-    stamps = [stamp for _, stamp, _ in rows]
+    numbers, stamps, table = _parse_lines(path, None if warn is None else wrong)
     if warn is None:
-        stamps_ns = increasing_stamps(path, [(where, stamp) for where, stamp, _ in rows])
+        stamps_ns = np.array(increasing_stamps(path, numbers, stamps), np.int64)
     else:
-        stamps_ns = stamps_of_file(path, stamps)
-        kept = longest_increasing(stamps_ns)
-        _count_left_out(rows, stamps_ns, kept, wrong)
-        rows, stamps_ns = [rows[index] for index in kept], [stamps_ns[index] for index in kept]
+        stamps_ns = np.array(stamps_of_file(path, stamps), np.int64)
+        kept = np.array(longest_increasing(stamps_ns.tolist()), np.intp)
+        _count_left_out(path, numbers, stamps_ns, kept, wrong)
+        stamps_ns, table = stamps_ns[kept], table[kept]
         for text, count in wrong.first_and_counts():
             warn(f"{text}; left out" + (f", as are {count - 1} more such lines" if count > 1 else ""))
-    table = np.array([pose for _, _, pose in rows])
     quaternions = table[:, 3:] / np.linalg.norm(table[:, 3:], axis=1, keepdims=True)
-    return Trajectory(np.array(stamps_ns, np.int64), table[:, :3], quaternions)
+    return Trajectory(stamps_ns, table[:, :3], quaternions)
 
 
-def _parse_lines(path: Path, wrong: Optional[CountedMessages]) -> Rows:
-    """The lines with a pose; what is wrong with others is counted, or raised where there is nothing to count it in."""
-    rows: Rows = []
+def _parse_lines(path: Path, wrong: Optional[CountedMessages]) -> Tuple[Sequence[int], List[Decimal], np.ndarray]:
+    """Numbers, stamps and (N, 7) poses of the lines that have one.
+
+    What is wrong with others is counted, or raised where there is nothing to count it in.
+    """
+    numbers, poses = array("q"), array("d")  # compact: there may be millions of lines
+    stamps: List[Decimal] = []
     first_error: Optional[InputError] = None
-    for where, line in read_lines(path):
+    for number, text in read_table(path):
         try:
-            rows.append((where, *_parse_line(line, where)))
+            stamp, pose = _parse_line(text, path, number)
         except InputError as error:
             if wrong is None:
                 raise
             first_error = first_error or error
             wrong.add(str(error), QUOTED.sub("", str(error)))
-    if not rows:
+        else:
+            numbers.append(number)
+            stamps.append(stamp)
+            poses.extend(pose)
+    if not stamps:
         raise first_error or InputError(f"{path}: no poses in it; expected lines of 'stamp tx ty tz qx qy qz qw'")
-    return rows
+    return numbers, stamps, np.array(poses).reshape(-1, 7)
 
 
-def _count_left_out(rows: Rows, stamps_ns: List[int], kept: List[int], wrong: CountedMessages) -> None:
-    known = {stamps_ns[index] for index in kept}
-    for index in sorted({*range(len(rows))} - {*kept}):
-        repeated = stamps_ns[index] in known
-        wrong.add(f"{rows[index][0]}: the stamp {'is that of another line' if repeated else 'is out of order'}")
+def _count_left_out(
+    path: Path, numbers: Sequence[int], stamps_ns: np.ndarray, kept: np.ndarray, wrong: CountedMessages
+) -> None:
+    known = set(stamps_ns[kept].tolist())
+    for index in np.setdiff1d(np.arange(len(stamps_ns)), kept):
+        what = "is that of another line" if int(stamps_ns[index]) in known else "is out of order"
+        wrong.add(f"{place_of_line(path, numbers[index])}: the stamp {what}")
 
 
-def _parse_line(line: str, where: str) -> Tuple[Decimal, List[float]]:
+def _parse_line(line: str, path: Path, number: int) -> Tuple[Decimal, List[float]]:
     try:
-        stamp, *numbers = line.replace(",", " ").split()
-        number, pose = parse_stamp(stamp), [float(word) for word in numbers]
+        stamp_text, *words = line.replace(",", " ").split()
+        stamp, pose = parse_stamp(stamp_text), [float(word) for word in words]
     except ValueError as error:
-        raise InputError(f"{where}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
+        raise InputError(f"{place_of_line(path, number)}: {error}; expected 'stamp tx ty tz qx qy qz qw'") from error
+    problem = ""
     if len(pose) != 7:
-        raise InputError(f"{where}: {len(pose) + 1} numbers instead of 8: stamp tx ty tz qx qy qz qw")
-    if not np.isfinite(pose).all():
-        raise InputError(f"{where}: a number is not finite")
-    if np.linalg.norm(pose[3:]) < 1e-6:
-        raise InputError(f"{where}: the quaternion is zero")
-    return number, pose
+        problem = f"{len(pose) + 1} numbers instead of 8: stamp tx ty tz qx qy qz qw"
+    elif not all(map(math.isfinite, pose)):
+        problem = "a number is not finite"
+    elif max(map(abs, pose)) > LARGEST_M:
+        problem = f"a number is beyond {LARGEST_M:g}"
+    elif math.hypot(*pose[3:]) < 1e-6:
+        problem = "the quaternion is zero"
+    if problem:
+        raise InputError(f"{place_of_line(path, number)}: {problem}")
+    return stamp, pose
 
 
 def write_tum(path: Union[str, Path], trajectory: Trajectory) -> None:

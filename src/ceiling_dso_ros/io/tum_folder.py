@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Recordings in folders of the TUM-mono layout."""
 
+import math
 import zipfile
-import zlib
+from array import array
 from contextlib import ExitStack
 from decimal import Decimal
 from functools import cached_property, partial
@@ -12,13 +13,13 @@ from typing import Dict, Iterator, List, NamedTuple, NoReturn, Optional, Set, Tu
 import numpy as np
 
 from ceiling_dso_ros.io.camera_models import read_camera_file
-from ceiling_dso_ros.io.errors import FrameError, InputError
-from ceiling_dso_ros.io.image_decoding import decode_compressed
+from ceiling_dso_ros.io.errors import FrameError, InputError, reason_of
+from ceiling_dso_ros.io.image_decoding import decode_compressed, require_image_bytes
 from ceiling_dso_ros.io.photometric import read_photometric
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.stamps import parse_stamp
-from ceiling_dso_ros.io.text_files import increasing_stamps, read_lines, stamps_of_file
+from ceiling_dso_ros.io.text_files import increasing_stamps, place_of_line, read_table, stamps_of_file
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff"}
 
@@ -60,7 +61,7 @@ class TumFolderRecording(Recording):
     def images(self) -> Iterator[ListedImage]:
         """See Recording."""
         with ExitStack() as stack:
-            archive = None if self._archive is None else stack.enter_context(zipfile.ZipFile(self._archive))
+            archive = None if self._archive is None else stack.enter_context(_opened(self._archive))
             listed: Set[str] = set()
             for time in self._times:
                 file_name = self._images.get(time.image_id)
@@ -101,11 +102,8 @@ class TumFolderRecording(Recording):
             InputError: there are none.
         """
         if self._archive is not None:
-            try:
-                with zipfile.ZipFile(self._archive) as archive:
-                    names = archive.namelist()
-            except (OSError, zipfile.BadZipFile) as error:
-                raise InputError(f"{self._archive}: cannot read the archive: {error}") from error
+            with _opened(self._archive) as archive:
+                names = archive.namelist()
         elif self._container.is_dir():
             names = [path.name for path in self._container.iterdir()]
         else:
@@ -121,11 +119,32 @@ class TumFolderRecording(Recording):
     def _decode(self, archive: Optional[zipfile.ZipFile], file_name: Optional[str]) -> np.ndarray:
         if file_name is None:
             raise FrameError(f"the image is not in {self._container}")
+        if archive is not None:
+            return decode_compressed(_member(archive, file_name))
+        path = self._container / file_name
         try:
-            data = (self._container / file_name).read_bytes() if archive is None else archive.read(file_name)
-        except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise FrameError(f"cannot read the image: {getattr(error, 'strerror', None) or error}") from error
-        return decode_compressed(data)
+            require_image_bytes(path.stat().st_size)
+            return decode_compressed(path.read_bytes())
+        except OSError as error:
+            raise FrameError(f"cannot read the image: {reason_of(error)}") from error
+
+
+def _opened(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the archive: {reason_of(error)}") from error
+    except Exception as error:  # damaged archives end in errors of any kind
+        raise InputError(f"{path}: cannot read the archive: {error}") from error
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> bytes:
+    """An image in an archive; what it takes in memory is known before, and nothing is written anywhere."""
+    require_image_bytes(archive.getinfo(name).file_size)
+    try:
+        return archive.read(name)  # never more than that
+    except Exception as error:  # damaged and encrypted archives end in errors of any kind
+        raise FrameError(f"cannot read the image: {error}") from error
 
 
 def _repeated() -> NoReturn:
@@ -138,19 +157,19 @@ def _by_id(names: List[str]) -> Dict[str, str]:
 
 def _image_id(text: str) -> str:
     """Identity of an image: its number, however many zeros it is padded with, or its name."""
-    return str(int(text)) if text.isdecimal() else text
+    return (text.lstrip("0") or "0") if text.isdecimal() else text
 
 
 def _read_times(path: Path) -> List[_Time]:
-    lines = read_lines(path)
-    if not lines:
+    rows = [_parse_time(text, path, number) for number, text in read_table(path)]
+    if not rows:
         raise InputError(f"{path}: it lists no images; expected lines of 'id stamp exposure_ms'")
-    places, ids, stamps, exposures = zip(*((where, *_parse_time(line, where)) for where, line in lines))
+    places, ids, stamps, exposures = zip(*rows)
     return [_Time(*time) for time in zip(places, ids, stamps_of_file(path, stamps), exposures)]
 
 
-def _parse_time(line: str, where: str) -> Tuple[str, Decimal, Optional[float]]:
-    expected = "expected 'id stamp exposure_ms'"
+def _parse_time(line: str, path: Path, number: int) -> Tuple[str, str, Decimal, Optional[float]]:
+    where, expected = place_of_line(path, number), "expected 'id stamp exposure_ms'"
     words = line.split()
     if len(words) not in (2, 3):
         raise InputError(f"{where}: {len(words)} words; {expected}")
@@ -159,27 +178,33 @@ def _parse_time(line: str, where: str) -> Tuple[str, Decimal, Optional[float]]:
         exposure_ms = float(words[2]) if len(words) == 3 else 0.0
     except ValueError as error:
         raise InputError(f"{where}: {error}; {expected}") from error
-    if not np.isfinite(exposure_ms) or exposure_ms < 0:
+    if not 0.0 <= exposure_ms < math.inf:
         raise InputError(f"{where}: the exposure {words[2]} is impossible; it is in milliseconds, 0 when unknown")
-    return _image_id(words[0]), stamp, exposure_ms or None
+    return where, _image_id(words[0]), stamp, exposure_ms or None
 
 
 def _read_encoders(path: Path) -> WheelSamples:
-    lines = read_lines(path)
-    if lines and lines[0][1].replace(" ", "") == "stamp,left,right":
-        lines = lines[1:]
-    if not lines:
+    numbers, ticks = array("q"), array("q")  # compact: there may be millions of lines
+    stamps: List[Decimal] = []
+    for number, text in read_table(path):
+        if not stamps and text.replace(" ", "") == "stamp,left,right":
+            continue
+        stamp, counters = _parse_ticks(text, path, number)
+        numbers.append(number)
+        stamps.append(stamp)
+        ticks.extend(counters)
+    if not stamps:
         raise InputError(f"{path}: there are no ticks in it; delete the file or write lines of 'stamp,left,right'")
-    places, stamps, ticks = zip(*((where, *_parse_ticks(line, where)) for where, line in lines))
-    stamps_ns = np.array(increasing_stamps(path, list(zip(places, stamps))), np.int64)
-    return WheelSamples(WheelUnit.TICKS, stamps_ns, np.array(ticks, np.int64), str(path))
+    stamps_ns = np.array(increasing_stamps(path, numbers, stamps), np.int64)
+    return WheelSamples(WheelUnit.TICKS, stamps_ns, np.array(ticks, np.int64).reshape(-1, 2), str(path))
 
 
-def _parse_ticks(line: str, where: str) -> Tuple[Decimal, Tuple[int, int]]:
+def _parse_ticks(line: str, path: Path, number: int) -> Tuple[Decimal, Tuple[int, int]]:
     try:
         stamp, left, right = line.split(",")
         return parse_stamp(stamp.strip()), (_int64(left), _int64(right))
     except ValueError:
+        where = place_of_line(path, number)
         raise InputError(f"{where}: '{line}'; expected 'stamp,left,right', ticks as whole numbers") from None
 
 

@@ -5,6 +5,7 @@ import math
 from typing import Dict, List, NamedTuple, Optional, Sequence
 
 from ceiling_dso_ros.io.joint_names import JointPair, are_of_one_base, partner, wheel_pairs
+from ceiling_dso_ros.io.limits import LARGEST_RAD, MOST_JOINTS
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 
 NAME_THEM = "name the wheels with left_joint and right_joint"
@@ -66,8 +67,9 @@ class WheelJoints:
         Wheels whose messages come separately are paired as counters are, see `TickPairs`.
         """
         self.complaint = ""
-        if not self._seen.keys() >= set(names):
-            self._seen.update(dict.fromkeys(names))
+        new = [name for name in dict.fromkeys(names) if name not in self._seen]
+        if new and len(self._seen) < MOST_JOINTS:
+            self._seen.update(dict.fromkeys(new[: MOST_JOINTS - len(self._seen)]))
             self._choose()
         here = {name for pair in self._pairs for name in pair} & {*names}
         angles = {name: angle for name, angle in zip(names, positions) if name in here}
@@ -78,8 +80,9 @@ class WheelJoints:
             self.complaint = self.complaint or f"{', '.join(sorted(here - angles.keys()))} without a position, {only}"
             return None
         for name, angle in angles.items():
-            if not math.isfinite(angle):
-                self.complaint = f"the position of {name} is not finite"
+            if not abs(angle) < LARGEST_RAD:
+                what = f"{angle:g}, which is no angle of a wheel" if math.isfinite(angle) else "not finite"
+                self.complaint = f"the position of {name} is {what}"
                 return None
         return self._combine(stamp_ns, angles)
 

@@ -2,6 +2,7 @@
 """Measures the cost of a recording: time per kind of frame and per stage, peak memory, speed factor."""
 
 import json
+import math
 import resource
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from tabulate import tabulate
 
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.text_files import read_text
 from ceiling_dso_ros.playback.machine_speed import machine_ms
 from ceiling_dso_ros.playback.playback import Playback
 
@@ -103,11 +105,19 @@ def read_reference(folder: Path) -> Dict[str, Optional[float]]:
     path = own if own.is_file() else other
     if not path.is_file():
         raise InputError(f"{folder}: neither benchmark.json nor reference.json is there")
+    text = read_text(path)
     try:
-        content = json.loads(path.read_text())
-        return content["frame_units"] if path == own else {kind: content[key] for kind, key in REFERENCE_KEYS.items()}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        content = json.loads(text)
+        found = content["frame_units"] if path == own else {kind: content[key] for kind, key in REFERENCE_KEYS.items()}
+        return {kind: None if value is None else _units(value) for kind, value in found.items()}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: not the result of a benchmark: {error}") from error
+
+
+def _units(value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{value} is no time")
+    return float(value)
 
 
 def describe(result: Mapping[str, Any], reference: Optional[Mapping[str, Optional[float]]] = None) -> str:

@@ -3,14 +3,14 @@
 
 import threading
 from pathlib import Path
-from typing import BinaryIO, Dict, Iterable, List, Tuple
+from typing import BinaryIO, Dict, List, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
-from ceiling_dso_ros.io.rolling_file import read_rolling
 from ceiling_dso_ros.io.trajectory import Trajectory, tum_lines
 from ceiling_dso_ros.playback.spool import Spool, SpoolFolder
+from ceiling_dso_ros.playback.spool_records import Tell, are_poses, read_records
 
 FRAMES, KEYFRAMES, NEWEST_KEYFRAMES = "frames.bin", "keyframes.bin", "keyframes.newest.bin"
 # An hour of 30 images and five keyframes a second takes 12, 12 and 2 MB.
@@ -78,18 +78,18 @@ def _record(keyframe: KeyframeEstimate) -> bytes:
     return np.array(values, KEYFRAME).tobytes()
 
 
-def write_final(folder: Path, file: BinaryIO) -> int:
+def write_final(folder: Path, file: BinaryIO, tell: Tell) -> int:
     """Write the poses with the last estimate of their keyframes, of what a CameraSpool has kept; returns their number.
 
-    Poses whose keyframe is not known are left out: those of the newest keyframes when the node was killed.
+    Poses whose keyframe is not known are left out: those of the newest keyframes when the node was killed. What is
+    damaged is left out and told.
 
     Raises:
         InputError: the folder cannot be read.
     """
-    keyframes = _kept_keyframes(folder)
+    keyframes = _kept_keyframes(folder, tell)
     count = 0
-    for piece in read_rolling(folder / FRAMES, FRAME.itemsize):
-        frames = np.frombuffer(piece, FRAME)
+    for frames in read_records(folder / FRAMES, FRAME, lambda found: are_poses(found["T_keyframe_camera"]), tell):
         at = np.searchsorted(keyframes["keyframe_id"], frames["keyframe_id"])
         known = at < len(keyframes)
         known[known] = keyframes["keyframe_id"][at[known]] == frames["keyframe_id"][known]
@@ -100,28 +100,33 @@ def write_final(folder: Path, file: BinaryIO) -> int:
     return count
 
 
-def write_keyframes(folder: Path, file: BinaryIO) -> int:
+def write_keyframes(folder: Path, file: BinaryIO, tell: Tell) -> int:
     """Write the keyframes as last refined, of what a CameraSpool has kept; returns their number.
 
     Raises:
         InputError: the folder cannot be read.
     """
-    keyframes = _kept_keyframes(folder)
+    keyframes = _kept_keyframes(folder, tell)
     keyframes = keyframes[np.argsort(keyframes["stamp_ns"], kind="stable")]
     file.write(tum_lines(Trajectory.from_matrices(keyframes["stamp_ns"], _matrices(keyframes["T_world_camera"]))))
     return len(keyframes)
 
 
-def _kept_keyframes(folder: Path) -> np.ndarray:
+def _kept_keyframes(folder: Path, tell: Tell) -> np.ndarray:
     """(N,) KEYFRAME by their ids."""
-    pieces: Iterable[bytes] = read_rolling(folder / KEYFRAMES, KEYFRAME.itemsize)
-    newest = folder / NEWEST_KEYFRAMES
-    pieces = [
-        *pieces,
-        newest.read_bytes() if newest.exists() else b"",
-    ]  # last, because what has left the window is final
-    keyframes = np.concatenate([np.frombuffer(piece, KEYFRAME) for piece in pieces])
+    # The newest are last, because what has left the window is final.
+    keyframes = np.concatenate(
+        [
+            np.zeros(0, KEYFRAME),
+            *read_records(folder / KEYFRAMES, KEYFRAME, _are_keyframes, tell),
+            *read_records(folder / NEWEST_KEYFRAMES, KEYFRAME, _are_keyframes, tell),
+        ]
+    )
     return keyframes[np.unique(keyframes["keyframe_id"], return_index=True)[1]]
+
+
+def _are_keyframes(records: np.ndarray) -> np.ndarray:
+    return are_poses(records["T_world_camera"])
 
 
 def _matrices(T: np.ndarray) -> np.ndarray:

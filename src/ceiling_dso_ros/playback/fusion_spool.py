@@ -12,10 +12,12 @@ from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
 from ceiling_dso_ros.fusion.state import FusedState
-from ceiling_dso_ros.io.rolling_file import read_rolling
+from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.trajectory import read_tum, tum_lines
+from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.playback.fused_record import FusedRecord, planar_trajectory, smoothed_trajectory
 from ceiling_dso_ros.playback.spool import Spool, SpoolFolder
+from ceiling_dso_ros.playback.spool_records import Tell, are_numbers, read_records
 from ceiling_dso_ros.settings import load_settings, write_settings
 
 SETTINGS = "fusion.yaml"
@@ -87,35 +89,47 @@ class FusionSpool(Spool):
                 self._files["fused.tum"].append(fused)
 
 
-def write_smoothed(folder: Path, file: BinaryIO) -> int:
+def write_smoothed(folder: Path, file: BinaryIO, tell: Tell) -> int:
     """Write the smoothed trajectory of what a FusionSpool has kept; returns the number of poses.
 
     Raises:
-        InputError: the folder cannot be read.
+        InputError: the folder cannot be read, or what is in it is damaged.
     """
-    motions = kept_motions(folder)
+    motions = kept_motions(folder, tell)
     origin = np.zeros(3)
     if (folder / ORIGIN).exists():
         T = read_tum(folder / ORIGIN).matrices()[0]
         origin = np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
-    nodes = smooth(motions, load_settings(folder / SETTINGS, kind=FusionConfig))
+    try:
+        nodes = smooth(motions, load_settings(folder / SETTINGS, kind=FusionConfig))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{folder / MOTIONS}: is damaged: {error}") from error
     placed = [SmoothedNode(node.stamp_ns, planar.compose(origin, node.pose), node.log_scale) for node in nodes]
+    if not np.isfinite([node.pose for node in placed]).all():
+        raise InputError(f"{folder / MOTIONS}: is damaged: it gives no finite poses")
     file.write(tum_lines(smoothed_trajectory(placed)))
     return len(placed)
 
 
-def kept_motions(folder: Path) -> np.ndarray:
+def kept_motions(folder: Path, tell: Tell = ignore_warning) -> np.ndarray:
     """(N,) MOTION of consecutive keyframes: all, or the longest part without a gap where the disk was full for a while.
 
     Raises:
         InputError: the folder cannot be read.
     """
-    pieces = [np.frombuffer(piece, MOTION) for piece in read_rolling(folder / MOTIONS, MOTION.itemsize)]
-    motions = np.concatenate([np.zeros(0, MOTION), *pieces])
-    newest = np.zeros(0, MOTION)
-    if (folder / NEWEST_MOTIONS).exists():
-        newest = np.fromfile(folder / NEWEST_MOTIONS, MOTION)
+    motions, newest = (
+        np.concatenate([np.zeros(0, MOTION), *read_records(folder / name, MOTION, _are_motions, tell)])
+        for name in (MOTIONS, NEWEST_MOTIONS)
+    )
     last = motions["end"][-1] if len(motions) else 0
     motions = np.concatenate([motions, newest[newest["end"] > last]])
-    gaps = np.flatnonzero(np.diff(motions["end"]) != 1)
+    gaps = np.flatnonzero(motions["end"][1:] != motions["end"][:-1] + 1)
     return max(np.split(motions, gaps + 1), key=len)
+
+
+def _are_motions(records: np.ndarray) -> np.ndarray:
+    """Which of (N,) MOTION have numbers, (N,) bool."""
+    always = ("start_pose", "wheels", "wheels_covariance", "by_constants", "walk_sigma", "log_scale")
+    seen = ("shift", "yaw", "lever_m", "swing_m", "visual_covariance")
+    is_bool = (records["is_seen"].view(np.uint8) <= 1) & (records["continues"].view(np.uint8) <= 1)
+    return is_bool & are_numbers(records, *always) & (~records["is_seen"] | are_numbers(records, *seen))

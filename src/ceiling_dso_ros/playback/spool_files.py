@@ -16,9 +16,10 @@ from typing import BinaryIO, Callable, Dict, List, Mapping, Sequence
 
 from ceiling_dso_ros.io.errors import OutputError, reason_of
 from ceiling_dso_ros.io.replacing import replacing, write_each
-from ceiling_dso_ros.io.rolling_file import read_rolling
+from ceiling_dso_ros.playback.spool_records import Tell, read_pose_lines
 
-Writer = Callable[[Path, BinaryIO], int]  # from a spool into a file; returns the number of poses
+# From a spool into a file; is told what is left out, and returns the number of poses.
+Writer = Callable[[Path, BinaryIO, Tell], int]
 NICENESS = 19  # of the process, the largest: nodes come first
 
 
@@ -33,6 +34,11 @@ class Written:
 
     poses: Dict[str, int] = field(default_factory=dict)
     errors: List[str] = field(default_factory=list)
+
+    def tell(self, error: str) -> None:
+        """Add an error, once."""
+        if error not in self.errors:
+            self.errors.append(error)
 
     def __str__(self) -> str:
         return ", ".join(f"{name} ({count} poses)" for name, count in self.poses.items())
@@ -92,7 +98,7 @@ def _write(spool: Path, directory: Path, writers: Mapping[str, Writer]) -> Writt
 
     def write(path: Path) -> None:
         with replacing(path, "the trajectory") as file:
-            count = writers[path.name](spool, file)
+            count = writers[path.name](spool, file, written.tell)
         written.poses[path.name] = count
 
     try:
@@ -103,9 +109,9 @@ def _write(spool: Path, directory: Path, writers: Mapping[str, Writer]) -> Writt
 
 
 def _copier(name: str) -> Writer:
-    def copy(spool: Path, file: BinaryIO) -> int:
+    def copy(spool: Path, file: BinaryIO, tell: Tell) -> int:
         count = 0
-        for lines in read_rolling(spool / name):
+        for lines in read_pose_lines(spool / name, tell):
             file.write(lines)
             count += lines.count(b"\n")
         return count

@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.ros.planar_messages import planar_transform
 
 
@@ -64,9 +65,9 @@ class BaseTransform:
             return
         for transform in message.transforms:
             if transform.child_frame_id.lstrip("/") == self._base_frame:
-                self.complaint = (
-                    f"{sender} publishes {transform.header.frame_id} -> {self._base_frame} already: no tf from here; "
-                    "switch that off, or set ~tf_mode to correction"
+                self.complaint = one_line(
+                    f"{sender} publishes {transform.header.frame_id[:100]} -> {self._base_frame} already: no tf from "
+                    "here; switch that off, or set ~tf_mode to correction"
                 )
                 rospy.logerr(self.complaint)
                 return

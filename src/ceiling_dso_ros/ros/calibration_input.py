@@ -14,7 +14,7 @@ from ceiling_dso_ros.io.camera_info import (
     distorted_though_rectified,
 )
 from ceiling_dso_ros.io.camera_models import CameraCalibration, read_camera_file
-from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.errors import InputError, one_line
 from ceiling_dso_ros.ros.waiting import wait_until
 
 WARNING_PERIOD_S = 5.0
@@ -88,5 +88,5 @@ class CalibrationInput:
             )
             self.complaint = ""
         except InputError as error:
-            self.complaint = f"ignored: {error}"
+            self.complaint = one_line(f"ignored: {error}")
             rospy.logwarn_throttle(WARNING_PERIOD_S, self.complaint)

@@ -7,6 +7,7 @@ import numpy as np
 import rospy
 import tf2_ros
 
+from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.ros.conversions import matrix_from_transform
 
 LOOKUP_PERIOD_S = 0.2
@@ -44,10 +45,10 @@ class CameraMount:
     def _look_up(self, listener: tf2_ros.TransformListener) -> None:
         try:
             found = self._buffer.lookup_transform(self._base_frame, self._camera_frame, rospy.Time(0))
-        except tf2_ros.TransformException as error:
-            self.complaint = f"tf has no {self._base_frame} -> {self._camera_frame}: {error}"
+            self._T_base_camera = matrix_from_transform(found.transform)
+        except (tf2_ros.TransformException, ValueError) as error:
+            self.complaint = one_line(f"tf has no {self._base_frame} -> {self._camera_frame}: {error}")
             return
         self.complaint = ""
-        self._T_base_camera = matrix_from_transform(found.transform)
         listener.unregister()
         self._listener = None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
-from typing import Union
+from typing import Sequence, Union
 
 import numpy as np
 from genpy import Time
@@ -13,9 +13,11 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
+from ceiling_dso_ros.io.limits import LARGEST_M
 from ceiling_dso_ros.io.ros_messages import pose_matrix
 from ceiling_dso_ros.msg import Keyframe, RelativePose, VisualOdometryStatus
 
+LATEST_ROS_NS = 2**32 * 10**9 - 1  # a time has 32 bits for its seconds
 UNKNOWN_VARIANCE = 9999.0  # by convention: the value is unknown
 SMALLEST_VARIANCE = 1e-12  # consumers invert the covariance, so it is never singular
 
@@ -41,6 +43,20 @@ def image_array(message: Union[Image, CompressedImage]) -> np.ndarray:
     )
 
 
+def covariance_from_message(values: Sequence[float]) -> np.ndarray:
+    """(6, 6) of the 36 numbers of a message.
+
+    Raises:
+        ValueError: a number is not finite or beyond all bounds.
+    """
+    covariance = np.reshape(values, (6, 6))
+    if not np.isfinite(covariance).all():
+        raise ValueError("the covariance of a pose is not finite")
+    if np.abs(covariance).max() > LARGEST_M**2:
+        raise ValueError(f"the covariance of a pose has a number beyond {LARGEST_M**2:g}")
+    return covariance
+
+
 def pose_from_matrix(T_parent_child: np.ndarray) -> Pose:
     """geometry_msgs/Pose of a (4, 4) transform."""
     pose = Pose()
@@ -54,19 +70,26 @@ def matrix_from_pose(pose: Pose) -> np.ndarray:
     """(4, 4) transform of a geometry_msgs/Pose, the inverse of `pose_from_matrix`.
 
     Raises:
-        ValueError: a number is not finite, or the quaternion is zero.
+        ValueError: as `pose_matrix`.
     """
     return pose_matrix(pose.position, pose.orientation)
 
 
 def matrix_from_transform(transform: Transform) -> np.ndarray:
-    """(4, 4) of a geometry_msgs/Transform."""
+    """(4, 4) of a geometry_msgs/Transform.
+
+    Raises:
+        ValueError: as `pose_matrix`.
+    """
     return pose_matrix(transform.translation, transform.rotation)
 
 
 def ros_time(stamp_ns: int) -> Time:
-    """The ROS time of a stamp, to the nanosecond; its `to_nsec` gives the stamp back."""
-    return Time(0, stamp_ns)
+    """The ROS time of a stamp, to the nanosecond; its `to_nsec` gives the stamp back.
+
+    One that ROS has no time for, before 1970 or after 2106, becomes the nearest that it has.
+    """
+    return Time(0, min(max(stamp_ns, 0), LATEST_ROS_NS))
 
 
 def pose_covariance(covariance: np.ndarray, T_world_camera: np.ndarray) -> np.ndarray:

@@ -13,11 +13,15 @@ from typing import List, NamedTuple, Optional
 from ceiling_dso_ros.dso.durations import seconds
 
 MOST_ERAS = 100  # that are kept: stamps that are still converted are younger
+LONGEST_PAUSE_NS = 30 * 86_400 * 10**9  # beyond it, stamps are wrong; many of them must not add up to centuries
 BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back; a smaller one: a sample out of order
 
 
 class StampKind(enum.Enum):
-    """Relation of a stamp to the last one. A jump forward is treated as a pause, because the two look the same."""
+    """Relation of a stamp to the last one.
+
+    A jump forward is treated as a pause, because the two look the same, unless no node has ever paused for so long.
+    """
 
     NEXT = "later than the last one"
     REPEATED = "that of the last one"
@@ -59,9 +63,12 @@ class DataClock:
     def take(self, stamp_ns: int) -> StampKind:
         """Classify a stamp; only NEXT advances the time."""
         inner_ns = stamp_ns + self._eras[-1].offset_ns
+        if self._last_ns is not None and inner_ns - self._last_ns > LONGEST_PAUSE_NS:
+            self._begin_era(self._last_ns, stamp_ns)
+            return StampKind.NEXT
         if self._last_ns is None or inner_ns > self._last_ns:
             if self._last_ns is not None:
-                self._interval_ns = inner_ns - self._last_ns
+                self._interval_ns = min(inner_ns - self._last_ns, BACKWARDS_NS)
             self._last_ns = inner_ns
             return StampKind.NEXT
         if inner_ns == self._last_ns:
@@ -70,9 +77,11 @@ class DataClock:
 
     def set_back(self, stamp_ns: int) -> None:
         """Continue from a stamp that is BACK; the unknown elapsed time is taken as the last two stamps' interval."""
-        if self._last_ns is None:  # nothing lies before the first stamp
-            return
-        self._last_ns += self._interval_ns
+        if self._last_ns is not None:  # nothing lies before the first stamp
+            self._begin_era(self._last_ns, stamp_ns)
+
+    def _begin_era(self, last_ns: int, stamp_ns: int) -> None:
+        self._last_ns = last_ns + self._interval_ns
         self._eras.append(Era(self._last_ns, self._last_ns - stamp_ns))
         del self._eras[:-MOST_ERAS]
 

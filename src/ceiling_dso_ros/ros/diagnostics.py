@@ -9,6 +9,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
 
+from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.ros.periodic import Periodic
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -36,7 +37,7 @@ class Stream:
     def complain(self, complaint: str) -> None:
         """Count a message that could not be used."""
         self.rejected += 1
-        self._complaint, self._complaint_s = complaint, rospy.get_time()
+        self._complaint, self._complaint_s = one_line(complaint), rospy.get_time()
 
     def forget_times(self) -> None:
         """Time has been set back."""
@@ -98,8 +99,9 @@ class Diagnostics:
 
     def _judge(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         try:
-            return self._report(status)
+            self._report(status)
         except Exception as error:  # silence would look as if the node had ended
             self._error = error
             status.summary(ERROR, f"the diagnostics fail: {type(error).__name__}: {error}")
-            return status
+        status.message = one_line(status.message)  # of several problems, and of what they quote
+        return status

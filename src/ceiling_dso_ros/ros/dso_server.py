@@ -18,7 +18,7 @@ from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryConfig, Odome
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
-from ceiling_dso_ros.io.errors import FrameError, InputError
+from ceiling_dso_ros.io.errors import FrameError, InputError, one_line
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
@@ -180,13 +180,13 @@ class DsoServer:
             status, tracked = self._track(message, header)
         except FrameError as error:
             self._images.complain(str(error))
-            rospy.logwarn_throttle(WARNING_PERIOD_S, f"{self._image_topic}: image skipped: {error}")
+            rospy.logwarn_throttle(WARNING_PERIOD_S, one_line(f"{self._image_topic}: image skipped: {error}"))
             status = no_pose_message(header, self._status, str(error))
         except Exception as error:  # an error with one image must not end the node while the robot drives
             rospy.logerr("the odometry failed and is restarted: %s", traceback.format_exc())
             self._start_anew()
             lost = VisualOdometryStatus(state=VisualOdometryStatus.LOST)
-            status = no_pose_message(header, lost, f"failed: {type(error).__name__}: {error}")
+            status = no_pose_message(header, lost, one_line(f"failed: {type(error).__name__}: {error}"))
         status.camera_frame_id = self._camera_frame(message)
         status.processing_ms = 1e3 * (time.perf_counter() - start_s)
         status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
@@ -204,6 +204,7 @@ class DsoServer:
         image, stamp_ns = image_array(message), message.header.stamp.to_nsec()
         calibration = self._calibrations.newest(CALIBRATION_TIMEOUT_S, (image.shape[1], image.shape[0]))
         if calibration is not None and calibration != self._calibration:
+            calibration.require_size_of(image)  # a wrong one may not cost the map, nor memory for other images
             self._use(calibration)
         if self._run is None:
             waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
@@ -255,7 +256,7 @@ class DsoServer:
                 keep_trajectory=False,  # the keeper has it
             )
         except (ConfigError, InputError) as error:
-            self._size_complaint = f"cannot track: {error}"
+            self._size_complaint = one_line(f"cannot track: {error}")
             return
         self._size_complaint = ""
         self._start_anew()

@@ -19,6 +19,7 @@ from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
+from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.ros_messages import planar_pose
 from ceiling_dso_ros.io.wheel_messages import other_body
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
@@ -158,7 +159,7 @@ class FusionServer:
             self._use_mount()
             doubt = "" if self._wheel_frame else other_body(message.child_frame_id, self._base_frame)
             if doubt:
-                rospy.logwarn("%s: %s", rospy.resolve_name("wheel/odometry"), doubt)
+                rospy.logwarn(one_line(f"{rospy.resolve_name('wheel/odometry')}: {doubt}"))
             self._wheel_frame, self._wheel_pose = message.header.frame_id.lstrip("/"), pose
             state = self._estimator.add_wheel_odometry(self._clock.inner_ns(stamp_ns), pose)
             if self._estimator.wheels.message:
@@ -290,7 +291,7 @@ class FusionServer:
     def _set_pose(self, request: SetPoseRequest) -> SetPoseResponse:
         frame_id = request.pose.header.frame_id.lstrip("/")
         if frame_id and frame_id != self._odom_frame:
-            return SetPoseResponse(False, f"the pose is in {frame_id}, not in {self._odom_frame}")
+            return SetPoseResponse(False, one_line(f"the pose is in {frame_id[:100]}, not in {self._odom_frame}"))
         try:
             pose = planar_pose(request.pose.pose)
         except ValueError as error:

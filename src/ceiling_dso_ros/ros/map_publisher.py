@@ -14,6 +14,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.projection import Intrinsics, pixels
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 
+POINT_STEP = 16  # bytes of a point
 FIELDS = [PointField(name, 4 * index, PointField.FLOAT32, 1) for index, name in enumerate(("x", "y", "z", "intensity"))]
 NEAR_AND_FAR = (0.4, 2.5)  # VO units, first and last colour of the depths
 
@@ -71,8 +72,8 @@ def point_cloud(header: Header, points: MapPoints) -> PointCloud2:
         height=1,
         width=len(table),
         fields=FIELDS,
-        point_step=16,
-        row_step=16 * len(table),
+        point_step=POINT_STEP,
+        row_step=POINT_STEP * len(table),
         data=table.tobytes(),
         is_dense=True,
     )

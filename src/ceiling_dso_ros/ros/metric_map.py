@@ -15,6 +15,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.ros.conversions import pose_from_matrix
+from ceiling_dso_ros.ros.map_publisher import POINT_STEP
 
 LONGEST_GAP_NS = 10**9  # between a window and points that are placed with it
 REMEMBERED_POSES = 500  # longer than an image takes through the visual odometry
@@ -78,6 +79,8 @@ class MetricMap:
     def _on_points(self, message: PointCloud2) -> None:
         placed = self._placed
         if placed is None or abs(placed[0] - message.header.stamp.to_nsec()) > LONGEST_GAP_NS:
+            return
+        if message.point_step != POINT_STEP or len(message.data) % POINT_STEP:  # not of dso_node
             return
         table = np.frombuffer(message.data, np.float32).reshape(-1, 4).copy()
         table[:, :3] = table[:, :3] @ placed[1][:3, :3].T + placed[1][:3, 3]

@@ -3,12 +3,10 @@
 
 from typing import Optional
 
-import numpy as np
-
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.msg import MotionPrediction
-from ceiling_dso_ros.ros.conversions import matrix_from_pose
+from ceiling_dso_ros.ros.conversions import covariance_from_message, matrix_from_pose
 
 LONGEST_STRETCH = 3.0  # a prediction may be extended to this multiple of its duration
 
@@ -49,10 +47,8 @@ def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
         return None
     try:
         T_start_predicted = matrix_from_pose(message.motion)
+        covariance = covariance_from_message(message.covariance)
     except ValueError:
-        return None
-    covariance = np.reshape(message.covariance, (6, 6))
-    if not np.isfinite(covariance).all():
         return None
     stretch = wanted_ns / predicted_ns
     return CameraMotion(se3.exp(stretch * se3.log(T_start_predicted)), stretch**2 * covariance)

@@ -8,7 +8,7 @@ from typing import Callable, Generic, Mapping, Optional, Protocol, TypeVar
 
 import rospy
 
-from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
+from ceiling_dso_ros.io.errors import InputError, OutputError, one_line, reason_of
 from ceiling_dso_ros.playback.spool import MEGABYTE, Spool, SpoolFolder
 from ceiling_dso_ros.playback.spool_files import Written, write_computed, write_computed_apart, write_copies
 from ceiling_dso_ros.ros import parameters
@@ -143,4 +143,4 @@ class TrajectoryKeeper(Generic[AnySpool]):
         try:
             return SaveTrajectoryResponse(True, self._save(Path(request.directory).expanduser(), write_computed_apart))
         except (InputError, OutputError) as error:
-            return SaveTrajectoryResponse(False, str(error))
+            return SaveTrajectoryResponse(False, one_line(str(error)))

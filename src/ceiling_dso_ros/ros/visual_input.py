@@ -7,10 +7,11 @@ import numpy as np
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
 from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
-from ceiling_dso_ros.ros.conversions import STATES, matrix_from_pose
+from ceiling_dso_ros.ros.conversions import STATES, covariance_from_message, matrix_from_pose
 from ceiling_dso_ros.ros.data_clock import DataClock
 
 STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
+LAST_SEGMENT = 2**31 - 1  # what is published of it has one bit less
 ROUNDING = 1e-9  # of a covariance, relative to its largest variance
 
 
@@ -36,7 +37,7 @@ class VisualInput:
         """The parts of a status that the fusion needs; None for an image that the odometry did not use.
 
         Raises:
-            ValueError: a pose or its covariance is not valid, or there are several.
+            ValueError: a pose, its covariance or its segment is not valid, or there are several.
         """
         if len(message.pose) > 1:
             raise ValueError(f"{len(message.pose)} poses of one image")
@@ -47,7 +48,7 @@ class VisualInput:
         return OdometryStatus(
             stamp_ns=self._clock.inner_ns(message.header.stamp.to_nsec()),
             state=state,
-            segment=message.segment,
+            segment=_segment(message.segment),
             is_keyframe=message.is_keyframe,
             keyframe_id=message.pose[0].keyframe_id if tracked else -1,
             T_keyframe_camera=matrix_from_pose(message.pose[0].pose) if tracked else None,
@@ -61,7 +62,7 @@ class VisualInput:
         """The window alone, without a pose of an image.
 
         Raises:
-            ValueError: a pose is not valid.
+            ValueError: a pose or its segment is not valid.
         """
         keyframes = self._keyframes(message.keyframes)
         stamp_ns = self._clock.inner_ns(message.header.stamp.to_nsec())
@@ -78,11 +79,17 @@ class VisualInput:
         return KeyframeEstimate(
             keyframe_id=message.id,
             stamp_ns=self._inner_ns[message.id, message.stamp.to_nsec()],
-            segment=message.segment,
+            segment=_segment(message.segment),
             T_world_camera=matrix_from_pose(message.pose),
             affine=(message.affine_a, message.affine_b),
             leaves=message.leaves,
         )
+
+
+def _segment(number: int) -> int:
+    if number > LAST_SEGMENT:
+        raise ValueError(f"the segment {number} is beyond {LAST_SEGMENT}")
+    return number
 
 
 def _covariance(pose: RelativePose) -> Optional[np.ndarray]:
@@ -91,9 +98,7 @@ def _covariance(pose: RelativePose) -> Optional[np.ndarray]:
     Raises:
         ValueError: it is not a covariance.
     """
-    covariance = np.reshape(pose.covariance, (6, 6))
-    if not np.isfinite(covariance).all():
-        raise ValueError("the covariance of a pose is not finite")
+    covariance = covariance_from_message(pose.covariance)
     if not covariance.any():
         return None
     covariance = 0.5 * (covariance + covariance.T)

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
+from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.io.wheel_joints import NAME_THEM, WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
@@ -133,7 +134,7 @@ class WheelServer:
 
     def _complain(self, complaint: str) -> None:
         self._samples.complain(complaint)
-        rospy.logwarn_throttle(5.0, complaint)
+        rospy.logwarn_throttle(5.0, one_line(complaint))
 
     def _publish(self, total: WheelMotion, twist: np.ndarray, twist_covariance: np.ndarray) -> None:
         """Publish the motion so far and (2,) forward speed and yaw rate with (2, 2) covariance."""

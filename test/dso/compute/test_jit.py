@@ -35,6 +35,36 @@ def test_without_a_cache_folder_kernels_still_work(monkeypatch):
     assert "/full, " in jit.cache_problem()
 
 
+def test_a_cache_folder_that_others_can_write_is_not_used(monkeypatch, tmp_path):
+    """Numba unpickles what it finds there, which may run anything."""
+    monkeypatch.setattr(jit, "_distrusted", [])
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    compiled = jit.kernel(double)
+    folder = jit.cache_folder(compiled)
+    assert folder is not None
+    assert folder.is_relative_to(tmp_path) if hasattr(folder, "is_relative_to") else str(tmp_path) in str(folder)
+    assert jit.cache_problem() == ""
+    folder.chmod(0o777)
+    compiled = jit.kernel(double)
+    assert jit.cache_folder(compiled) is None
+    assert compiled(3) == 6
+    assert list(folder.iterdir()) == []
+    assert f"{folder} is not used, because another user could have put machine code there" in jit.cache_problem()
+    assert jit.cache_problem().isprintable()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+@pytest.mark.parametrize(("of_folder", "of_source", "trusted"), [(4321, 0, False), (4321, 4321, True), (0, 4321, True)])
+def test_a_cache_folder_of_another_user_is_not_used(tmp_path, of_folder, of_source, trusted):
+    """But for one of the user whose sources are run anyway, as in a container that mounts a checkout."""
+    folder, source = tmp_path / "cache", tmp_path / "kernels.py"
+    folder.mkdir()
+    source.touch()
+    os.chown(folder, of_folder, -1)
+    os.chown(source, of_source, -1)
+    assert jit.is_trusted(folder, source) is trusted
+
+
 @pytest.mark.parametrize(
     ("features", "expected"),
     [

@@ -14,6 +14,7 @@ inline longer functions by itself.
 """
 
 import os
+import stat
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Set, TypeVar, cast
 
@@ -25,6 +26,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 _compiled: List[Any] = []
 _uncached: List[Path] = []  # folders of kernels for which numba has found no folder that it can write
+_distrusted: List[Path] = []  # folders that numba has found, but that others can write
 _OPTIONS: Dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": FASTMATH}
 
 
@@ -56,13 +58,19 @@ def cache_folder(compiled: Callable[..., Any]) -> Optional[Path]:
 
 def cache_problem() -> str:
     """Why kernels that have been imported are not cached, and what to do, in words; empty where all are."""
+    every_time = "kernels are compiled at every start, which takes minutes"
+    if _distrusted:
+        return (
+            f"{every_time}: {_distrusted[0]} is not used, because another user could have put machine code there; set "
+            "NUMBA_CACHE_DIR to a folder of your own that only you can write"
+        )
     if not _uncached:
         return ""
     asked_for = os.environ.get("NUMBA_CACHE_DIR")
     tried = [*filter(None, [asked_for]), f"{_uncached[0]}/__pycache__"]
     return (
-        f"kernels are compiled at every start, which takes minutes: {', '.join(tried)} and "
-        "the user's cache folder cannot be written; set NUMBA_CACHE_DIR to a folder that can"
+        f"{every_time}: {', '.join(tried)} and the user's cache folder cannot be written; set NUMBA_CACHE_DIR to a "
+        "folder that can"
     )
 
 
@@ -94,11 +102,29 @@ def _compile(function: Function, options: Dict[str, Any]) -> Function:
 
 
 def _cached_where_possible(function: Function, options: Dict[str, Any]) -> Any:  # noqa: ANN401 numba has no types
+    source = Path(function.__code__.co_filename)
+    uncached = {**options, "cache": False}
     try:
-        return numba.njit(**options)(function)
+        compiled = numba.njit(**options)(function)
     except RuntimeError:  # numba finds no folder that it can write
-        _uncached.append(Path(function.__code__.co_filename).parent)
-        return numba.njit(**{**options, "cache": False})(function)
+        _uncached.append(source.parent)
+        return numba.njit(**uncached)(function)
+    folder = cache_folder(compiled)
+    if folder is None or is_trusted(folder, source):
+        return compiled
+    _distrusted.append(folder)
+    return numba.njit(**uncached)(function)
+
+
+def is_trusted(folder: Path, source: Path) -> bool:
+    """Whether what is in a folder may be run: numba unpickles what it has cached there.
+
+    It must belong to this user, to root, or to the owner of the source file, which is run anyway, and not everybody may
+    write to it.
+    """
+    status = folder.stat()
+    owners = {os.geteuid(), 0, source.stat().st_uid}
+    return status.st_uid in owners and not status.st_mode & stat.S_IWOTH
 
 
 _let_avx2_gather()
