@@ -75,9 +75,7 @@ class LiveSystem:
         self._log, self._prefix = log, list(prefix)
         self._port = environment["ROS_MASTER_URI"].rpartition(":")[2]
         self._arguments = [f"{name}:={value}" for name, value in {"respawn": "true", **arguments}.items()]
-        self._master: Any = ServerProxy(
-            environment["ROS_MASTER_URI"]
-        )  # untyped: it has whatever methods the master has
+        self._master: Any = ServerProxy(environment["ROS_MASTER_URI"])  # whose methods are not known here
         self._stack = ExitStack()
         self._core: Optional[subprocess.Popen] = None
         self.killed: Dict[str, int] = {}  # node -> its process that has been killed
@@ -104,8 +102,12 @@ class LiveSystem:
     def kill_core(self) -> None:
         """End roscore at once, with the master."""
         assert self._core is not None
-        os.killpg(self._core.pid, signal.SIGKILL)
+        # Master and rosout are in groups of their own.
+        children = subprocess.run(["pgrep", "-P", str(self._core.pid)], stdout=subprocess.PIPE, check=True).stdout
+        os.kill(self._core.pid, signal.SIGKILL)  # first, or it would end the others in good order
         self._core.wait()
+        for child in map(int, children.split()):
+            os.kill(child, signal.SIGKILL)
 
     def launch(self, *arguments: str) -> subprocess.Popen:
         """Start the nodes, or a second set of them."""
