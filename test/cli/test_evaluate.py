@@ -284,6 +284,26 @@ def test_a_reference_that_is_stamped_late_is_said_and_can_be_corrected(run_folde
     assert evaluation("--time-offset", "-0.05")[1] > 0.05
 
 
+def test_a_late_reference_without_any_pair_is_said(run_folder, evaluate):
+    """Between the stamps of a reference with few poses a second, an offset leaves no pair at all."""
+    reference = run_folder.parent / "reference.tum"
+    t = np.arange(0.0, 30.0, 0.1)
+    phase = t + 0.5 * np.sin(2.0 * t)  # of changing speed
+    positions = np.stack([3.0 * np.sin(phase), 2.0 * np.cos(phase), 0.1 * t], axis=1)
+    truth = Trajectory(
+        np.rint(1e9 * (50.0 + t)).astype(np.int64), positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))
+    )
+    write_tum(reference, truth.shifted(50_000_000))
+    for name in ("camera", "camera_final"):
+        write_tum(run_folder / f"{name}.tum", truth)
+    assert_refused(
+        evaluate(run_folder), "raise --max-difference, or give --time-offset 0.050: the reference is stamped later"
+    )
+    assert evaluate(run_folder, "--time-offset", "0.05").returncode == 0
+    write_tum(reference, truth.shifted(3_000_000_000_000))
+    assert "--time-offset" not in evaluate(run_folder).stderr
+
+
 def test_a_clock_that_began_with_zero_can_be_corrected_exactly(run_folder):
     drive_ns = drive().stamps_ns
     for name in ("camera", "camera_final"):

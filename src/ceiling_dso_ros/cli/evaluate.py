@@ -149,7 +149,19 @@ def _evaluate(
     try:
         return evaluate_trajectory(name, estimate, references[path], kind, options.max_difference, options.interpolate)
     except EvaluationError as error:
-        raise InputError(f"{options.directory / name}.tum against {path}: {error}") from error
+        advice = "" if options.time_offset is not None else _advice(estimate, references[path])
+        raise InputError(f"{options.directory / name}.tum against {path}: {error}{advice}") from error
+
+
+def _advice(estimate: "Trajectory", reference: "Trajectory") -> str:
+    """What to do if two trajectories have no pairs because one is stamped late; empty if that is not known."""
+    from ceiling_dso_ros.evaluation.time_offset import estimate_time_offset
+
+    offset = estimate_time_offset(estimate, reference)
+    if not offset.significant:
+        return ""
+    direction = "later" if offset.value_s > 0 else "earlier"
+    return f", or give --time-offset {offset.value_s:.3f}: the reference is stamped {direction} ({offset})"
 
 
 def _warn_of_offsets(

@@ -13,6 +13,7 @@ LEAST_M = 0.003  # within a pair of images: play of gears and uneven floors make
 LENGTHS = (1, 2, 4, 8, 16)  # pairs; the longest take 6 s
 WRONG_SHARE = 0.1  # of the way; noise is about a hundredth
 NAMED_SHARE = 0.5  # of the largest excess: what is smaller may be noise
+LASTING_SHARE = 0.5  # of an excess that is left with the neighbours: nothing for an error of a pose, all for a slip
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,9 @@ def follows(pairs: Sequence[ImagePair]) -> np.ndarray:
 def slipping(excess_m: np.ndarray, used: np.ndarray, way_m: np.ndarray, follow: np.ndarray) -> np.ndarray:
     """The pairs of images between which the wheels slipped: at once, or little by little over several pairs.
 
+    What an error of one image's pose adds to a pair, it takes from the next one. So what the neighbours take back is no
+    slip, unless it is more than noise ever is: wheels may also slip forward and back.
+
     Args:
         excess_m: (n, 3) as `Solution` has it.
         used: (n,) bool, pairs that were taken for good before, of which the scatter is that of the noise.
@@ -74,8 +78,12 @@ def slipping(excess_m: np.ndarray, used: np.ndarray, way_m: np.ndarray, follow: 
             break
         members = starts[:, None] + np.arange(length)
         limit_m = GATE * scatter_m * np.sqrt(growth[members].sum(axis=1))[:, None]
-        beyond = np.abs(excess_m[members].sum(axis=1)) > np.maximum(limit_m, LEAST_M * np.sqrt(length))
-        slips[members[beyond.any(axis=1)]] = True
+        sums_m = excess_m[members].sum(axis=1)
+        beyond = np.abs(sums_m) > np.maximum(limit_m, LEAST_M * np.sqrt(length))
+        with_neighbours_m = sums_m + _of_neighbours(excess_m, follow, starts, length)
+        lasting = sums_m * with_neighbours_m > LASTING_SHARE * np.square(sums_m)
+        large = contradicting(sums_m, way_m[members].sum(axis=1))
+        slips[members[(beyond & (lasting | large[:, None])).any(axis=1)]] = True
     return slips
 
 
@@ -101,6 +109,14 @@ def _stretches(free: np.ndarray, follow: np.ndarray, length: int) -> np.ndarray:
         if offset:
             good &= follow[offset - 1 : offset - 1 + count]
     return np.flatnonzero(good)
+
+
+def _of_neighbours(excess_m: np.ndarray, follow: np.ndarray, starts: np.ndarray, length: int) -> np.ndarray:
+    """Sum of the pairs directly before and after each stretch, (k, 3); zero where there are none."""
+    around_m = np.vstack([np.zeros(3), excess_m, np.zeros(3)])  # pair i is in row i + 1
+    joined = np.concatenate([[False], follow, [False]])  # pair i with the one before it
+    before_m = around_m[starts] * joined[starts, None]
+    return before_m + around_m[starts + length + 1] * joined[starts + length, None]
 
 
 def described(pairs: Sequence[ImagePair], slips: np.ndarray, excess_m: np.ndarray) -> Tuple[WheelSlip, ...]:
