@@ -43,9 +43,8 @@ class WheelSlip:
             if abs(excess_m) > NAMED_SHARE * largest_m
         ]
         if abs(self.sideways_m) > NAMED_SHARE * largest_m:
-            named.append(
-                f"the robot slid {abs(self.sideways_m):.3f} m to the {'right' if self.sideways_m > 0 else 'left'}"
-            )
+            side = "right" if self.sideways_m > 0.0 else "left"
+            named.append(f"the camera saw the robot slide {abs(self.sideways_m):.3f} m to the {side}")
         return ", ".join(named)
 
 
