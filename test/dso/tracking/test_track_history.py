@@ -51,6 +51,28 @@ def test_only_the_last_two_frames_count():
     np.testing.assert_allclose(likeliest, STEP @ STEP @ STEP, atol=1e-12)
 
 
+def test_a_wrong_last_pose_does_not_mislead_all():
+    """A torn image between two frames of a steady motion: what it would be without it is tried, too."""
+    history, keyframe, torn = TrackHistory(), reference(0, np.eye(4)), se3.exp(np.full(6, 0.2))
+    history.begin(0)
+    for k, T in enumerate((STEP, STEP @ STEP, torn)):
+        history.remember(frame(T, stamp_ns=k * FRAME_NS), keyframe, 1.0)
+    tried = list(history.hypotheses(keyframe, poses({0: keyframe}), 3 * FRAME_NS, None))
+    expected = STEP @ STEP @ STEP @ STEP
+    assert min(np.abs(T - expected).max() for T in tried) < 1e-12
+    np.testing.assert_allclose(tried[0], torn @ se3.inverse(STEP @ STEP) @ torn, atol=1e-12)  # likeliest, as ever
+
+
+def test_one_bad_frame_does_not_make_bad_ones_usual():
+    history, keyframe = TrackHistory(), reference(0, np.eye(4))
+    history.begin(0)
+    usual = []
+    for k, rmse in enumerate((4.0, 9.0, 8.0, 9.0)):
+        history.remember(frame(STEP, stamp_ns=k * FRAME_NS), keyframe, rmse)
+        usual.append(history.rmse)
+    assert usual == [4.0, 4.0, 8.0, 9.0]
+
+
 def test_a_refined_keyframe_takes_its_frames_along():
     history, keyframe = TrackHistory(), reference(0, np.eye(4))
     history.begin(0)
@@ -160,3 +182,16 @@ def test_patience_counts_from_the_last_pose():
     straight(history, keyframe)
     assert all(history.miss((2 + k) * FRAME_NS, patience_s=1.0) for k in range(1, 31))
     assert not history.miss(33 * FRAME_NS, patience_s=1.0)
+
+
+def test_a_wrong_last_pose_is_overruled_by_two_frames_that_agree_with_the_wheels():
+    """As after a torn image at few images a second: the wheels say how the camera moved, from a pose that is wrong."""
+    history, keyframe = TrackHistory(), textured(0)
+    T_next = straight(history, keyframe)
+    wrong = np.linalg.matrix_power(BACK, 25) @ T_next
+    history.remember(frame(wrong, stamp_ns=3 * FRAME_NS), keyframe, 1.0)
+    history.remember(frame(wrong, stamp_ns=4 * FRAME_NS), keyframe, 1.0)
+    turn = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.3]))  # not what the frames before tell
+    by_wheels = [CameraMotion(se3.inverse(np.linalg.matrix_power(turn, k)), 1e-6 * np.eye(6)) for k in (1, 2)]
+    assert doubts(history, keyframe, turn @ T_next, 5 * FRAME_NS, by_wheels[0])
+    assert not doubts(history, keyframe, turn @ turn @ T_next, 6 * FRAME_NS, by_wheels[1])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Predicts the next frame's motion from the last two frames, and doubts frames that have moved too far."""
+"""Predicts the next frame's motion from the last frames, and doubts frames that have moved too far."""
 
-from typing import Callable, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ LONGEST_STRETCH = 5.0  # a motion is taken to go on like that for so many times 
 SURPRISING_CHANGE = 3.0
 SURPRISING_ANGLE = 0.005  # rad
 LARGEST_ACCELERATION = 10.0  # rad / s^2
+SUDDEN_RISE = 1.5  # of the photometric error, from one frame to the next
 
 
 class RelativePose(NamedTuple):
@@ -35,27 +36,43 @@ class RelativePose(NamedTuple):
     stamp_ns: Optional[int]
 
 
+class DoubtfulFrame(NamedTuple):
+    """A frame that moved too far, until the next one confirms it.
+
+    Attributes:
+        T_camera_world: (4, 4) float64.
+        stamp_ns: its stamp.
+        prediction: motion from the last frame with a pose to it, predicted by other sensors, if there is one.
+    """
+
+    T_camera_world: np.ndarray
+    stamp_ns: int
+    prediction: Optional[CameraMotion]
+
+
 class TrackHistory:
-    """Poses of the last two frames, and brightness and error of the last one.
+    """Poses of the last three frames, brightness of the last one, and what error is usual.
 
     Attributes:
         affine: (2,) brightness (a, b) of the last frame.
-        rmse: its photometric error, grey levels; infinite before there was one.
+        rmse: usual photometric error, grey levels: that of the last frame, or of the one before if it has risen
+            suddenly, since that may be a bad image. Infinite before there was one.
     """
 
     def __init__(self) -> None:
         self._poses: List[RelativePose] = []
         self._missed = 0  # frames without a pose since the last one with a pose
-        self._T_doubtful_world: Optional[np.ndarray] = None  # pose of a frame that `doubts` was told of last
+        self._doubtful: Optional[DoubtfulFrame] = None  # the frame that `doubts` was told of last
         self.affine = np.zeros(2)
-        self.rmse = np.inf
+        self.rmse = self._last_rmse = np.inf
 
     def remember(self, frame: Frame, reference: TrackingReference, rmse: float) -> np.ndarray:
         """Take in a frame with its pose; returns T_keyframe_camera, (4, 4), on the reference's keyframe."""
         T_keyframe_camera = reference.T_camera_world @ se3.inverse(frame.T_camera_world)
-        self._poses = [*self._poses[-1:], RelativePose(reference.keyframe_id, T_keyframe_camera, frame.stamp_ns)]
-        self.affine, self.rmse, self._missed = frame.affine, rmse, 0
-        self._T_doubtful_world = None
+        self._poses = [*self._poses[-2:], RelativePose(reference.keyframe_id, T_keyframe_camera, frame.stamp_ns)]
+        self.rmse = rmse if rmse <= SUDDEN_RISE * self._last_rmse else self._last_rmse
+        self.affine, self._last_rmse, self._missed = frame.affine, rmse, 0
+        self._doubtful = None
         return T_keyframe_camera
 
     def miss(self, stamp_ns: int, patience_s: float) -> bool:
@@ -73,7 +90,7 @@ class TrackHistory:
     def hypotheses(
         self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int,
         prediction: Optional[CameraMotion],
-    ) -> Iterable[np.ndarray]:  # fmt: skip
+    ) -> Iterator[np.ndarray]:  # fmt: skip
         """T_frame_reference of the next frame to try, likeliest first.
 
         Args:
@@ -82,7 +99,11 @@ class TrackHistory:
             stamp_ns: of the next frame.
             prediction: motion from the last frame to the next one, predicted by other sensors, if there is one.
         """
-        return motion_hypotheses(*self._expected(reference, pose_of, stamp_ns), prediction)
+        yield from motion_hypotheses(*self._expected(reference, pose_of, stamp_ns), prediction)
+        if len(self._poses) == 3:  # in case the last frame's pose is wrong, as that of a torn image is
+            T_previous_reference, T_next_previous = self._expected(reference, pose_of, stamp_ns, self._poses[:2])
+            yield T_next_previous @ T_previous_reference
+            yield T_previous_reference
 
     def doubts(
         self, tracked: TrackedFrame, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int,
@@ -102,19 +123,37 @@ class TrackHistory:
         if prediction is None:
             angle += LARGEST_ACCELERATION * self._since_last_s(stamp_ns) ** 2
         most = SURPRISING_CHANGE * flow_of(T_next_last, reference) + angle * reference.intrinsics[0]
-        T_frame_last = tracked.T_frame_reference @ se3.inverse(T_last_reference)
-        expected = [T_next_last] if prediction is None else [T_next_last, se3.inverse(prediction.T_start_end)]
-        moved = min(flow_of(T_frame_last @ se3.inverse(T), reference) for T in expected)
-        T_before_world, self._T_doubtful_world = self._T_doubtful_world, None
-        if moved <= most:
-            return False
+
+        def agrees(T_frame_earlier: np.ndarray, expected: Sequence[np.ndarray]) -> bool:
+            return any(flow_of(T_frame_earlier @ se3.inverse(T), reference) <= most for T in expected)
+
+        before, self._doubtful = self._doubtful, None
         T_frame_world = tracked.T_frame_reference @ reference.T_camera_world
-        if T_before_world is not None:
-            T_frame_before = T_frame_world @ se3.inverse(T_before_world)
-            if flow_of(T_frame_before @ se3.inverse(T_next_last), reference) <= most:
+        by_prediction = [] if prediction is None else [se3.inverse(prediction.T_start_end)]
+        if agrees(tracked.T_frame_reference @ se3.inverse(T_last_reference), [T_next_last, *by_prediction]):
+            return False
+        if len(self._poses) == 3:  # where the last pose was wrong, the camera has gone on from the one before
+            T_previous_reference, T_next_previous = self._expected(reference, pose_of, stamp_ns, self._poses[:2])
+            if agrees(tracked.T_frame_reference @ se3.inverse(T_previous_reference), [T_next_previous]):
                 return False
-        self._T_doubtful_world = T_frame_world
+        if before is not None and agrees(
+            T_frame_world @ se3.inverse(before.T_camera_world),
+            self._expected_since(before, T_next_last, stamp_ns, prediction),
+        ):
+            return False
+        self._doubtful = DoubtfulFrame(T_frame_world, stamp_ns, prediction)
         return True
+
+    def _expected_since(
+        self, before: DoubtfulFrame, T_next_last: np.ndarray, stamp_ns: int, prediction: Optional[CameraMotion]
+    ) -> List[np.ndarray]:
+        """T_next_before from a doubtful frame: with the velocity of the last two poses, and as others predict it."""
+        since_last_s = self._since_last_s(stamp_ns)
+        share = 1.0 - self._since_last_s(before.stamp_ns) / since_last_s if since_last_s > 0.0 else 1.0
+        expected = [se3.exp(share * se3.log(T_next_last))]
+        if prediction is not None and before.prediction is not None:
+            expected.append(se3.inverse(prediction.T_start_end) @ before.prediction.T_start_end)
+        return expected
 
     def _since_last_s(self, stamp_ns: int) -> float:
         """Seconds from the last frame with a pose to a stamp, 0 before there is one."""
@@ -122,19 +161,21 @@ class TrackHistory:
         return 0.0 if last_ns is None else seconds(stamp_ns - last_ns)
 
     def _expected(
-        self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int
-    ) -> Tuple[np.ndarray, np.ndarray]:
-        """T_last_reference, and T_next_last with the velocity of the last two frames."""
-        last, previous = (
-            pose_of(pose.keyframe_id) @ pose.T_keyframe_camera for pose in (self._poses[-1], self._poses[0])
+        self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int,
+        poses: Optional[Sequence[RelativePose]] = None,
+    ) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """T_last_reference, and T_next_last with the velocity of the last two frames, or of two others."""
+        previous, last = (poses or self._poses)[-2:][0], (poses or self._poses)[-1]
+        T_world_last, T_world_previous = (
+            pose_of(pose.keyframe_id) @ pose.T_keyframe_camera for pose in (last, previous)
         )
-        T_last_reference = se3.inverse(reference.T_camera_world @ last)
-        return T_last_reference, self._stretched(se3.inverse(last) @ previous, stamp_ns)
+        T_last_reference = se3.inverse(reference.T_camera_world @ T_world_last)
+        return T_last_reference, _stretched(se3.inverse(T_world_last) @ T_world_previous, previous, last, stamp_ns)
 
-    def _stretched(self, T_last_previous: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """T_next_last with the velocity of the last two frames; the same motion where frames come regularly."""
-        previous, last = self._poses[0], self._poses[-1]
-        if previous.stamp_ns is None or last.stamp_ns is None:
-            return T_last_previous
-        ratio = min((stamp_ns - last.stamp_ns) / (last.stamp_ns - previous.stamp_ns), LONGEST_STRETCH)
-        return T_last_previous if abs(ratio - 1.0) <= JITTER else se3.exp(ratio * se3.log(T_last_previous))
+
+def _stretched(T_last_previous: np.ndarray, previous: RelativePose, last: RelativePose, stamp_ns: int) -> np.ndarray:
+    """T_next_last with the velocity of two frames; the same motion where frames come regularly."""
+    if previous.stamp_ns is None or last.stamp_ns is None:
+        return T_last_previous
+    ratio = min((stamp_ns - last.stamp_ns) / (last.stamp_ns - previous.stamp_ns), LONGEST_STRETCH)
+    return T_last_previous if abs(ratio - 1.0) <= JITTER else se3.exp(ratio * se3.log(T_last_previous))
