@@ -15,9 +15,11 @@ from launched import PATIENCE_S, SLOWLY, Launched
 from rosbags.rosbag1 import Reader
 
 from ceiling_dso_ros.cli.main import main
+from ceiling_dso_ros.fusion.config import OutputConfig
 from ceiling_dso_ros.io.bag_trajectories import read_trajectories
 from ceiling_dso_ros.io.trajectory import read_tum
 
+LATEST_S = 0.1  # by which a correction may be late, in the bag's time
 TOOLS = ("roslaunch", "rosbag", "rostopic")
 pytestmark = [
     pytest.mark.ros,
@@ -32,19 +34,24 @@ def test_live_and_offline_agree(bag, tmp_path):
     launched.wait()
     assert main(["run", str(bag), "--out", str(offline)]) == 0
 
-    images = read_tum(offline / "camera.tum"), read_tum(live / "camera.tum")
-    assert len(images[0]) > 50
-    np.testing.assert_array_equal(images[1].stamps_ns, images[0].stamps_ns, err_msg="images were dropped")
-    np.testing.assert_allclose(images[1].positions, images[0].positions, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(images[1].quaternions_xyzw, images[0].quaternions_xyzw, rtol=0.0, atol=1e-9)
+    for name in ("camera", "keyframes", "wheel", "fused_smoothed"):
+        poses = read_tum(offline / f"{name}.tum"), read_tum(live / f"{name}.tum")
+        np.testing.assert_array_equal(poses[1].stamps_ns, poses[0].stamps_ns, err_msg=f"{name}: data were dropped")
+        np.testing.assert_allclose(poses[1].positions, poses[0].positions, rtol=0.0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(poses[1].quaternions_xyzw, poses[0].quaternions_xyzw, rtol=0.0, atol=1e-9)
+    images = read_tum(live / "camera.tum")
+    assert len(images) > 50
 
+    # What is published moves on by wheels and images alike. Only the corrections may begin some wheel samples later,
+    # since that takes computing; nothing is sent twice for that.
     fused = read_tum(offline / "fused.tum"), read_trajectories(launched.published, {"": "/odometry/filtered"})[""]
     _, first, second = np.intersect1d(fused[0].stamps_ns, fused[1].stamps_ns, return_indices=True)
     assert len(first) > 0.95 * len(fused[0])
     apart_m = np.linalg.norm(fused[0].positions[first] - fused[1].positions[second], axis=1)
-    assert apart_m.max() < 1e-3
+    assert np.median(apart_m) < 1e-4
+    assert apart_m.max() < LATEST_S * OutputConfig().max_correction_m_s
 
-    for topic, poses in (("/odometry/filtered", fused[1]), ("/visual_odometry/pose", images[1])):
+    for topic, poses in (("/odometry/filtered", fused[1]), ("/visual_odometry/pose", images)):
         with Reader(launched.published) as reader:  # as `evo_traj bag` does
             read = file_interface.read_bag_trajectory(reader, topic)
         np.testing.assert_allclose(read.positions_xyz, poses.positions, atol=1e-9)
