@@ -74,6 +74,8 @@ def test_two_clocks_are_said_with_how_far_they_are_apart():
         stream.order.apart
         == "stamps of images are 3600.0 s after those of the wheels: two clocks, or the wheels come late"
     )
+    assert stream.image(NOW_NS)  # that one was wrong
+    stream = Stream()
     stream.image(NOW_NS - 2 * 10**9)
     assert stream.order.apart == (
         "stamps of images are 2.0 s before those of the wheels: two clocks, or images come late"
@@ -86,3 +88,41 @@ def test_images_that_go_on_while_the_wheels_are_silent_are_on_one_clock_with_the
     stream = Stream(silence_s=3.0)
     stream.image(NOW_NS + 3 * 10**9)
     assert stream.order.apart == ""
+
+
+def test_a_camera_whose_clock_alone_is_set_back_is_not_used_until_it_is_right_again():
+    stream, second_ns = Stream(), 10**9
+
+    def drive(images, later_ns):
+        nonlocal count
+        for _ in range(images):
+            count += 1
+            now_ns = NOW_NS + count * FRAME_NS
+            yield stream.image(now_ns - FRAME_NS + later_ns, now_ns)
+
+    for back_ns in (-second_ns, -second_ns // 4, -3600 * second_ns):
+        count = 0
+        assert all(drive(10, 0))
+        assert not any(drive(90, back_ns))
+        assert stream.order.camera_set_back
+        assert f"set back by {-back_ns / second_ns:.1f} s" in stream.order.apart
+        assert all(drive(10, 0))
+        assert stream.order.apart == ""
+        stream.order.reset()
+
+
+def test_a_clock_that_is_set_for_all_costs_the_images_that_come_before_the_wheels_tell():
+    stream = Stream()
+    assert stream.image(NOW_NS)
+    assert not stream.image(NOW_NS - 10**9)
+    assert stream.order.camera_set_back
+    assert stream.image(NOW_NS + FRAME_NS, NOW_NS + FRAME_NS)
+    assert not stream.order.camera_set_back
+
+
+@pytest.mark.parametrize("late_s", [0.3, 0.9, 3.0])
+def test_images_that_come_late_in_their_order_are_used(late_s):
+    stream, late_ns = Stream(), round(late_s * 1e9)
+    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(3))
+    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS + late_ns) for k in range(3, 9))
+    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(9, 12))

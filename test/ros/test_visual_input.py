@@ -175,3 +175,27 @@ def test_a_keyframe_keeps_its_time_after_the_clock_was_set_back():
     later = heard(START_NS - 200_000_000)
     assert later.stamp_ns > START_NS + 700_000_000
     assert later.keyframes[0].stamp_ns == keyframe.stamp_ns
+
+
+def window(index, *keyframes):
+    """A status with these (identity, index of the image) in its window."""
+    estimates = tuple(
+        KeyframeEstimate(number, START_NS + image * 33_333_333, 2, np.eye(4), (0.0, 0.0), False)
+        for number, image in keyframes
+    )
+    return message_of(replace(status(index), keyframes=estimates))
+
+
+@pytest.mark.parametrize("comes_at_once", [True, False])
+def test_a_keyframe_whose_image_has_a_wrong_stamp_has_no_place_in_time(comes_at_once):
+    """Where the camera's clock was set back, another keyframe may have had the same stamp."""
+    visual = VisualInput(DataClock())
+    visual.status(window(9, (1, 5), (2, 9)))
+    wrong = window(5, (1, 5), (2, 9), *([(3, 5)] if comes_at_once else []))
+    visual.status(wrong)
+    visual.distrust(wrong)
+    for _ in range(2):
+        got = visual.status(window(20, (1, 5), (2, 9), (3, 5), (4, 20)))
+        assert [keyframe.keyframe_id for keyframe in got.keyframes] == [1, 2, 4]
+    visual.reset()
+    assert len(visual.status(window(20, (3, 5))).keyframes) == 1

@@ -183,6 +183,8 @@ class FusionServer:
             on_wheel_clock_ns = status.stamp_ns + self._camera_offset_ns
             if self._order.is_usable(on_wheel_clock_ns, self._clock.last_ns, self._images.complain):
                 self._take_in(status, message.header.stamp, start_s)
+            elif self._order.camera_set_back:
+                self._visual.distrust(message)
 
     def _on_keyframes(self, message: Keyframes) -> None:
         """Keep the latched window, because while the robot stands still no new one may come for a long time."""

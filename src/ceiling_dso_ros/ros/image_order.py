@@ -8,6 +8,7 @@ from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS
 
 CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
+SET_BACK_NS = 200_000_000  # stamps of images that go back so far: a clock was set, and no two images changed places
 
 
 class ImageOrder:
@@ -24,6 +25,8 @@ class ImageOrder:
         self._wheels_heard_s = 0.0
         self._apart_s = 0.0
         self._last_ns: Optional[int] = None
+        self._delay_ns = 0  # by which the last image was behind the wheels
+        self._set_back_ns = 0  # by which the camera's clock seems to have been set back since then, and not the wheels'
         self._may_be_old = True
 
     def heard_wheels(self) -> None:
@@ -33,12 +36,22 @@ class ImageOrder:
     @property
     def apart(self) -> str:
         """That images and wheels are on two clocks, in words; empty while they seem to be on one."""
+        if self.camera_set_back:
+            return (
+                f"the clock of the images was set back by {seconds(self._set_back_ns):.1f} s, that of the wheels was "
+                "not: images are not used until the two agree again"
+            )
         if abs(self._apart_s) <= seconds(CAMERA_AHEAD_NS):
             return ""
         order = "after" if self._apart_s > 0.0 else "before"
         late = "the wheels" if self._apart_s > 0.0 else "images"
         apart = f"{abs(self._apart_s):.1f} s {order} those of the wheels"
         return f"stamps of images are {apart}: two clocks, or {late} come late"
+
+    @property
+    def camera_set_back(self) -> bool:
+        """The clock of the images was set back, and that of the wheels was not, so that images are not used."""
+        return self._set_back_ns > 0
 
     def is_usable(self, stamp_ns: int, wheels_ns: Optional[int], complain: Callable[[str], None]) -> bool:
         """Whether to use an image.
@@ -58,9 +71,25 @@ class ImageOrder:
         if not self._is_simulated and stamp_ns > wheels_ns + BACKWARDS_NS and not wheels_are_silent:
             complain("an image that is far ahead of the wheels")
             return False
+        if not self._agrees(stamp_ns, wheels_ns):
+            complain("an image by a clock that was set back, other than that of the wheels")
+            return False
         # Where the clock has been set back, images may come before the wheels tell by how much.
         if self._last_ns is not None and stamp_ns <= self._last_ns <= wheels_ns + CAMERA_AHEAD_NS:
             complain("an image that is not later than the last one")
             return False
-        self._last_ns = stamp_ns
+        self._last_ns, self._delay_ns = stamp_ns, wheels_ns - stamp_ns
         return True
+
+    def _agrees(self, stamp_ns: int, wheels_ns: int) -> bool:
+        """Whether an image has the clock of the images before.
+
+        A camera whose clock is set back seems to be late all at once, and its stamps go back. Images that are really
+        late still come in the order of their stamps. If the wheels' clock has been set, too, they soon agree again.
+        """
+        later_ns = wheels_ns - stamp_ns - max(self._delay_ns, 0)  # an image may have been ahead by mistake
+        if self._last_ns is not None and stamp_ns <= self._last_ns - SET_BACK_NS and not self._set_back_ns:
+            self._set_back_ns = max(later_ns, 0)
+        if 2 * later_ns <= self._set_back_ns:
+            self._set_back_ns = 0
+        return self._set_back_ns == 0

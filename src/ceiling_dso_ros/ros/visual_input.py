@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Converts messages of the visual odometry into statuses, with stamps on the fusion's clock."""
 
-from typing import Dict, Optional, Sequence, Tuple
+from collections import deque
+from typing import Deque, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ceiling_dso_ros.ros.data_clock import DataClock
 STATE_OF_NUMBER = {number: state for state, number in STATES.items()}
 LAST_SEGMENT = 2**31 - 1  # what is published of it has one bit less
 ROUNDING = 1e-9  # of a covariance, relative to its largest variance
+MOST_WRONG = 1000  # stamps that are kept: an image becomes a keyframe soon or never
 
 
 class VisualInput:
@@ -27,11 +29,21 @@ class VisualInput:
 
     def __init__(self, clock: DataClock) -> None:
         self._clock = clock
-        self._inner_ns: Dict[Tuple[int, int], int] = {}  # by id and stamp of a keyframe of the newest window
+        # By id and stamp of a keyframe of the newest window; None if its image has a wrong stamp.
+        self._inner_ns: Dict[Tuple[int, int], Optional[int]] = {}
+        self._wrong_ns: Deque[int] = deque(maxlen=MOST_WRONG)
+        self._new: Tuple[Tuple[int, int], ...] = ()  # keyframes that were heard of for the first time with the last one
 
     def reset(self) -> None:
         """Begin a run."""
-        self._inner_ns = {}
+        self._inner_ns, self._new = {}, ()
+        self._wrong_ns.clear()
+
+    def distrust(self, message: VisualOdometryStatus) -> None:
+        """Take note that the last status has a wrong stamp: if its image is a keyframe, that has no place in time."""
+        stamp_ns = message.header.stamp.to_nsec()
+        self._wrong_ns.append(stamp_ns)
+        self._inner_ns.update({name: None for name in self._new if name[1] == stamp_ns})
 
     def status(self, message: VisualOdometryStatus) -> Optional[OdometryStatus]:
         """The parts of a status that the fusion needs; None for an image that the odometry did not use.
@@ -72,18 +84,24 @@ class VisualInput:
     def _keyframes(self, messages: Sequence[Keyframe]) -> Tuple[KeyframeEstimate, ...]:
         if messages:
             names = [(message.id, message.stamp.to_nsec()) for message in messages]
-            self._inner_ns = {name: self._inner_ns.get(name, self._clock.inner_ns(name[1])) for name in names}
-        return tuple(self._keyframe(message) for message in messages)
+            self._new = tuple(name for name in names if name not in self._inner_ns)
+            self._inner_ns = {name: self._inner_ns.get(name, self._placed(name[1])) for name in names}
+        placed = ((message, self._inner_ns[message.id, message.stamp.to_nsec()]) for message in messages)
+        return tuple(_keyframe(message, inner_ns) for message, inner_ns in placed if inner_ns is not None)
 
-    def _keyframe(self, message: Keyframe) -> KeyframeEstimate:
-        return KeyframeEstimate(
-            keyframe_id=message.id,
-            stamp_ns=self._inner_ns[message.id, message.stamp.to_nsec()],
-            segment=_segment(message.segment),
-            T_world_camera=matrix_from_pose(message.pose),
-            affine=(message.affine_a, message.affine_b),
-            leaves=message.leaves,
-        )
+    def _placed(self, stamp_ns: int) -> Optional[int]:
+        return None if stamp_ns in self._wrong_ns else self._clock.inner_ns(stamp_ns)
+
+
+def _keyframe(message: Keyframe, inner_ns: int) -> KeyframeEstimate:
+    return KeyframeEstimate(
+        keyframe_id=message.id,
+        stamp_ns=inner_ns,
+        segment=_segment(message.segment),
+        T_world_camera=matrix_from_pose(message.pose),
+        affine=(message.affine_a, message.affine_b),
+        leaves=message.leaves,
+    )
 
 
 def _segment(number: int) -> int:
