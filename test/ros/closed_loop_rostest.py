@@ -22,7 +22,7 @@ from waiting import wait_until
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.msg import FusionStatus, VisualOdometryStatus
 
-TO_THE_START = path((1.5, 0))
+TO_THE_START = path((2.5, 0))
 PATH = path((2.6, 0), (1.9, 90), (1.4, 0), (1.9, 90), (2.0, 0), (1.9, -90), (1.4, 0))
 EVENTS = {4.8: "slip+0.4", 7.0: "cover+2.0", 10.3: "slip+0.4"}  # where along the path
 WITHIN_M = 0.02
