@@ -50,7 +50,7 @@ def test_a_correction_is_worked_in_by_bounded_steps_and_the_covariance_knows_wha
 def test_until_a_keyframe_comes_the_output_is_dead_reckoning():
     live = LiveOutput(CONFIG, NOISE, 0)
     for step in wheel_steps(50):
-        live.predict(step, slipping=False)
+        live.predict(step, slipping=False, seen=False)
         pose, _, _ = live.publish(step)
     np.testing.assert_allclose(pose.pose, planar.expmap([0.8, 0.0, 0.3]), atol=1e-9)
 
@@ -58,7 +58,7 @@ def test_until_a_keyframe_comes_the_output_is_dead_reckoning():
 def test_covariance_grows_while_blind_and_holds_the_radius_of_the_wheels():
     live, sigmas = LiveOutput(CONFIG, NOISE, 0), []
     for step in wheel_steps(500, rate=(0.8, 0.0, 0.0)):
-        live.predict(step, slipping=False)
+        live.predict(step, slipping=False, seen=False)
         sigmas.append(np.sqrt(np.diag(live.publish(step)[0].covariance)))
     assert (np.diff(np.array(sigmas)[:, :2], axis=0) > 0).all()
     assert sigmas[-1][0] > 0.01 * 8.0
@@ -67,13 +67,13 @@ def test_covariance_grows_while_blind_and_holds_the_radius_of_the_wheels():
 def test_after_a_keyframe_the_output_comes_to_the_graphs_estimate():
     live, steps = LiveOutput(CONFIG, NOISE, 0), wheel_steps(150)
     for step in steps[:50]:
-        live.predict(step, slipping=False)
+        live.predict(step, slipping=False, seen=False)
         live.publish(step)
     correction = np.array([0.05, 0.02, 0.03])
     at_keyframe = planar.compose(planar.expmap(np.array([0.8, 0.0, 0.3]) * 0.9), correction)
     live.restart(estimate(900_000_000, at_keyframe), steps[45:50])
     for step in steps[50:]:
-        live.predict(step, slipping=False)
+        live.predict(step, slipping=False, seen=False)
         pose, _, _ = live.publish(step)
     expected = planar.compose(at_keyframe, planar.expmap(np.array([0.8, 0.0, 0.3]) * 2.1))
     np.testing.assert_allclose(pose.pose, expected, atol=1e-3)
@@ -82,7 +82,23 @@ def test_after_a_keyframe_the_output_comes_to_the_graphs_estimate():
 def test_slipping_wheels_are_replaced_by_going_on_as_before():
     live = LiveOutput(CONFIG, NOISE, 0)
     for step in wheel_steps(50, rate=(0.8, 0.0, 0.0)):
-        live.predict(step, slipping=False)
-    believed = live.predict(WheelStep(1_000_000_000, 1_020_000_000, np.array([0.05, 0.0, 0.1])), slipping=True)
+        live.predict(step, slipping=False, seen=False)
+    believed = live.predict(WheelStep(1_000_000_000, 1_020_000_000, np.array([0.05, 0.0, 0.1])), True, seen=True)
     np.testing.assert_allclose(believed.twist, [0.016, 0.0, 0.0], atol=1e-3)
     assert not believed.known
+
+
+def test_a_change_of_speed_that_no_robot_is_capable_of_waits_for_the_camera():
+    """One encoder is stuck: within 20 ms the wheels show a turn with 2 rad/s."""
+    steps = wheel_steps(80, rate=(0.8, 0.0, 0.0))
+    stuck = [WheelStep(step.start_ns, step.end_ns, np.array([0.008, 0.0, 0.04])) for step in steps[50:]]
+    for seen, expected in ((True, [0.016, 0.0, 0.0]), (False, [0.008, 0.0, 0.04])):
+        live = LiveOutput(CONFIG, NOISE, 0)
+        for step in steps[:50]:
+            live.predict(step, slipping=False, seen=seen)
+        believed = live.predict(stuck[0], slipping=False, seen=seen)
+        np.testing.assert_allclose(believed.twist, expected, atol=1e-3)
+        assert believed.known is not seen
+        for step in stuck[1:]:  # in 0.6 s a robot may turn like that
+            believed = live.predict(step, slipping=False, seen=seen)
+        np.testing.assert_allclose(believed.twist, step.twist, atol=1e-12)

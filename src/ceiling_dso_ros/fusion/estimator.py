@@ -20,7 +20,7 @@ from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, Trackin
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
-from ceiling_dso_ros.fusion.contradiction import Contradiction
+from ceiling_dso_ros.fusion.contradiction import UNSEEN_NS, Contradiction
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.output import LiveOutput
@@ -203,7 +203,8 @@ class FusionEstimator:
         if self._output is None:
             self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_ns)
         self._track.add(step)
-        step = self._output.predict(step, slipping=self._contradiction.replaces_wheels(step.end_ns))
+        slipping = self._contradiction.replaces_wheels(step.end_ns)
+        step = self._output.predict(step, slipping, seen=self._sees(step.end_ns))
         self._use_waiting(self._output)
         pose, twist, twist_covariance = self._output.publish(step)
         state, reasons = self._health.judge(step.end_ns, self._backend, self._contradiction)
@@ -217,6 +218,12 @@ class FusionEstimator:
             reasons,
             self.scale,
         )
+
+    def _sees(self, now_ns: int) -> bool:
+        """Whether images have been correcting the output up to now."""
+        if not self._frames or not self._backend.scale_known or self._contradiction.camera_doubted:
+            return False
+        return now_ns - self._on_wheel_clock(self._frames[-1].stamp_ns) < UNSEEN_NS
 
     def _use_waiting(self, output: LiveOutput) -> None:
         """Use the camera data whose stamps the wheels have reached by now."""

@@ -104,14 +104,23 @@ class LiveOutput:
         self._keyframe = Estimate(estimate.pose, estimate.covariance)
         self._relative.restart(estimate.stamp_ns, estimate.constants, estimate.constants_covariance, events)
 
-    def predict(self, step: WheelStep, slipping: bool) -> WheelStep:
-        """Add the newest wheel step; returns the step to use, which is a prediction if the sample was not usable."""
+    def predict(self, step: WheelStep, slipping: bool, seen: bool) -> WheelStep:
+        """Add the newest wheel step.
+
+        Args:
+            step: as measured.
+            slipping: the camera contradicts the wheels now.
+            seen: the camera will soon show the motion of this step. Then a change of speed that no robot is capable of
+                waits for it.
+
+        Returns:
+            The step to use: a prediction if the sample is not usable.
+        """
         self._twist.advance(step.end_ns)
-        if slipping:  # the robot is assumed to keep its velocity; images correct that
+        possible = slipping or not step.known or self._twist.add_step(step)
+        if slipping or (seen and not possible):  # the robot is assumed to keep its velocity; images correct that
             forward, turn = step.duration_s * self.twist
             step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
-        elif step.known:
-            self._twist.add_step(step)
         self._relative.predict(step)
         return step
 

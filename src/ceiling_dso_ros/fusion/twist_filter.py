@@ -104,20 +104,25 @@ class TwistFilter:
         while self._history and self._history[0].measured.taken_ns < stamp_ns - HISTORY_NS:
             self._history.popleft()
 
-    def add_step(self, step: WheelStep) -> None:
+    def add_step(self, step: WheelStep) -> bool:
         """Take in the wheels' step that ends now, unless the robot cannot have changed its speed so fast.
 
         Then a wheel slips. A change that lasts is believed as soon as there was time enough for it.
+
+        Returns:
+            Whether it was possible.
         """
         if self._moved_ns is None or step.twist.any():
             self._moved_ns = step.start_ns
         still_s = seconds(step.end_ns - self._moved_ns)
         # Wheels that stand still are within one tick for as long as they do.
         covariance = (self._noise.white(step) / step.duration_s**2 + self._noise.resolution / still_s**2)[::2, ::2]
-        self._take_in(MeanTwist(step.end_ns, step.start_ns, step.end_ns, step.rate[::2], covariance, of_wheels=True))
+        measured = MeanTwist(step.end_ns, step.start_ns, step.end_ns, step.rate[::2], covariance, of_wheels=True)
+        possible = self._take_in(measured)
         if still_s > STANDS_S + step.duration_s:
             self._filter.x = np.zeros((4, 1))
             self._filter.P = np.kron(np.diag([1.0, still_s**-2]), covariance)
+        return possible
 
     def add_rate(self, start_ns: int, end_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
         """Take in (2,) mean forward speed and yaw rate over a time that the camera saw, with (2, 2) covariance."""
@@ -141,7 +146,8 @@ class TwistFilter:
                 self._take_in(entry.measured)
         self.advance(now_ns)
 
-    def _take_in(self, measured: MeanTwist) -> None:
+    def _take_in(self, measured: MeanTwist) -> bool:
+        """Use a measurement; False if the wheels say what is not possible."""
         before = _State(self._filter.x, self._filter.P, self._step_ns, self._step_sigmas)
         self._history.append(_Entry(measured, before))
         age_s = seconds(measured.taken_ns - measured.end_ns) + 0.5 * seconds(measured.end_ns - measured.start_ns)
@@ -149,11 +155,12 @@ class TwistFilter:
         changed = 2.0 / (3.0 * ACCELERATION_LASTS_S) * self._accelerations**2 * age_s**3
         if measured.of_wheels:
             if not self._possible(measured, measured.rate - (H @ self._filter.x).ravel()):
-                return
+                return False
             self._step_ns = measured.taken_ns
         self._filter.update(measured.rate.reshape(2, 1), R=measured.covariance + np.diag(changed), H=H)
         if measured.of_wheels:
             self._step_sigmas = np.sqrt(np.diag(self.covariance))
+        return True
 
     def _possible(self, measured: MeanTwist, difference: np.ndarray) -> bool:
         """Whether the robot can have changed its twist by (2,) so much since the last wheel step that was used."""
