@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Draws the simulator's figures of the README: .venv/bin/python scripts/simulation_figures.py [docs/images].
 
-ceilings.png shows the camera's view under every ceiling; wheel_drift.png shows the dead reckoning on `square` and
-`loops`.
+ceilings.png shows the camera's view under every ceiling, random_halls.png under some that are drawn at random;
+wheel_drift.png shows the dead reckoning on `square` and `loops`.
 """
 
 import sys
@@ -21,10 +21,12 @@ from ceiling_dso_ros.io.recording import RobotDescription
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.drawn import RANDOM_CEILING, draw_config
 from ceiling_dso_ros.simulation.simulation import Simulation
 
 VIEWS = (0.2, 0.38, 0.8)  # shares of the sequence
 VIEW_SIZE = (328, 186)
+DRAWN_SEEDS, DRAWN_COLUMNS, DRAWN_VIEW = range(12, 28), 4, 0.38
 LABEL_PX, GAP_PX = 22, 6
 PNG_METADATA = {"Software": None}  # the same figures, the same bytes
 TRUTH, NOMINAL, TRUE = "#888888", "#D55E00", "#0072B2"
@@ -34,7 +36,7 @@ def contact_sheet() -> np.ndarray:
     """Three views under every ceiling, a row each: (H, W) uint8."""
     clean = CameraModel(read_noise=0.0, shot_noise=0.0)
     rows = []
-    for ceiling in CEILINGS:
+    for ceiling in (name for name in CEILINGS if name != RANDOM_CEILING):
         simulation = Simulation(SimulationConfig("loops", ceiling, camera=clean))
         count = len(simulation.frame_times_s)
         views = [simulation.frame(int(share * count)).image for share in VIEWS]
@@ -45,6 +47,16 @@ def contact_sheet() -> np.ndarray:
         cv2.putText(label, ceiling, (2, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0,), 1, cv2.LINE_AA)
         rows += [label, row]
     return np.vstack(rows)
+
+
+def random_halls() -> np.ndarray:
+    """A view under each of some halls that are drawn at random, with their cameras: (H, W) uint8."""
+    views = []
+    for seed in DRAWN_SEEDS:
+        simulation = Simulation(draw_config("loops", seed))
+        image = simulation.frame(int(DRAWN_VIEW * len(simulation.frame_times_s))).image
+        views.append(cv2.resize(image, VIEW_SIZE, interpolation=cv2.INTER_AREA))
+    return np.vstack([np.hstack(views[k : k + DRAWN_COLUMNS]) for k in range(0, len(views), DRAWN_COLUMNS)])
 
 
 def dead_reckoning(simulation: Simulation, robot: RobotDescription) -> np.ndarray:
@@ -88,10 +100,11 @@ def drift_figure() -> Figure:
 
 
 def main() -> None:
-    """Write both figures."""
+    """Write the figures."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
     folder.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(folder / "ceilings.png"), contact_sheet(), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(folder / "random_halls.png"), random_halls(), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
         drift_figure().savefig(folder / "wheel_drift.png", dpi=110, metadata=PNG_METADATA)
 

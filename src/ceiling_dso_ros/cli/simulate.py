@@ -4,7 +4,7 @@
 import argparse
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, Sequence, Tuple
 
 from ceiling_dso_ros.cli.outputs import complain, require_output_file
 from ceiling_dso_ros.io.errors import InputError, OutputError
@@ -33,7 +33,13 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("sequence", metavar="SEQUENCE", help="square, loops, straight, spin or stop_and_go")
     parser.add_argument("--out", metavar="FILE.bag", type=Path, required=True, help="output bag")
-    parser.add_argument("--ceiling", metavar="NAME", default="factory", help="factory, tiles, warehouse or plaster")
+    parser.add_argument(
+        "--ceiling",
+        metavar="NAME",
+        default="factory",
+        help="factory, tiles, warehouse, plaster, or random: hall, camera and wheels are drawn by the seed, except for "
+        "what is given",
+    )
     parser.add_argument(
         "--seed", metavar="N", type=int, default=0, help="seed of all random choices (default %(default)s)"
     )
@@ -46,20 +52,15 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
 
 def _add_camera_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--size", metavar="WxH", default="848x480", help="pixels (default %(default)s)")
-    group.add_argument("--fps", metavar="N", type=float, default=30.0, help="frames a second (default %(default)s)")
-    group.add_argument(
-        "--read-noise", metavar="X", type=float, default=0.7, help="sensor noise, grey levels (default %(default)s)"
-    )
-    group.add_argument(
-        "--shot-noise",
-        metavar="X",
-        type=float,
-        default=1.8,
-        help="photon noise at 255, grey levels (default %(default)s)",
-    )
-    group.add_argument("--response-gamma", metavar="X", type=float, default=1.0, help="1 is linear (default)")
-    group.add_argument("--vignette", metavar="X", type=float, default=0.0, help="light lost in the corners, 0 to 0.8")
-    group.add_argument("--distortion", metavar="K", type=float, nargs=4, default=(), help="k1 k2 p1 p2 of the lens")
+    group.add_argument("--fps", metavar="N", type=float, help="frames a second (default 30)")
+    group.add_argument("--read-noise", metavar="X", type=float, help="sensor noise, grey levels (default 0.7)")
+    group.add_argument("--shot-noise", metavar="X", type=float, help="photon noise at 255, grey levels (default 1.8)")
+    group.add_argument("--response-gamma", metavar="X", type=float, help="1 is linear (default)")
+    group.add_argument("--vignette", metavar="X", type=float, help="light lost in the corners, 0 to 0.8 (default 0)")
+    group.add_argument("--distortion", metavar="K", type=float, nargs=4, help="k1 k2 p1 p2 of the lens (default: none)")
+    group.add_argument("--blur", metavar="PX", type=float, dest="blur_px", help="of the lens, pixels (default 0)")
+    group.add_argument("--jpeg", metavar="Q", type=int, dest="jpeg_quality", help="quality, 1 to 100 (default: none)")
+    group.add_argument("--no-exposures", action="store_true", help="the camera does not tell its exposure times")
     group.add_argument(
         "--time-offset", metavar="S", type=float, default=0.0, help="delay of the image stamps, seconds (default 0)"
     )
@@ -69,17 +70,12 @@ def _add_camera_options(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_wheel_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--radius-error", metavar="X", type=float, default=0.0, help="mean radius, relative (default 0)")
-    group.add_argument(
-        "--ratio-error", metavar="X", type=float, default=0.01, help="ratio right/left, relative (default %(default)s)"
-    )
-    group.add_argument(
-        "--wheel-base-error", metavar="X", type=float, default=0.01, help="relative (default %(default)s)"
-    )
-    group.add_argument("--travel-noise", metavar="M", type=float, default=5e-5, help="m after 1 m (default 5e-5)")
-    group.add_argument(
-        "--tick-noise", metavar="X", type=float, default=0.3, help="reading noise, ticks (default %(default)s)"
-    )
+    group.add_argument("--radius-error", metavar="X", type=float, help="mean radius, relative (default 0)")
+    group.add_argument("--ratio-error", metavar="X", type=float, help="ratio right/left, relative (default 0.01)")
+    group.add_argument("--wheel-base-error", metavar="X", type=float, help="relative (default 0.01)")
+    group.add_argument("--travel-noise", metavar="M", type=float, help="m after 1 m (default 5e-5)")
+    group.add_argument("--tick-noise", metavar="X", type=float, help="reading noise, ticks (default 0.3)")
+    group.add_argument("--turn-slip", metavar="X", type=float, help="share of the way, at 1 rad/s (default 0)")
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -137,41 +133,57 @@ def _truth_beside(bag: Path, recording: "SimulatedRecording") -> Iterator[None]:
         write_files_beside(bag, recording)
 
 
+CAMERA = (
+    ("fps", "fps"),
+    ("read_noise", "read_noise"),
+    ("shot_noise", "shot_noise"),
+    ("response_gamma", "response_gamma"),
+    ("vignette", "vignette"),
+    ("distortion", "distortion"),
+    ("blur_px", "blur_px"),
+    ("jpeg_quality", "jpeg_quality"),
+)
+WHEELS = (
+    ("radius", "radius_error"),
+    ("ratio", "ratio_error"),
+    ("wheel_base", "wheel_base_error"),
+    ("travel_noise_m", "travel_noise"),
+    ("tick_noise", "tick_noise"),
+    ("turn_slip", "turn_slip"),
+)
+
+
+def _given(options: argparse.Namespace, names: Sequence[Tuple[str, str]]) -> Dict[str, Any]:
+    """Settings that the user has given, by the names of their attributes."""
+    values = {attribute: getattr(options, name) for attribute, name in names}
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if v is not None}
+
+
 def _config(options: argparse.Namespace) -> "SimulationConfig":
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.simulation.camera import CameraModel
     from ceiling_dso_ros.simulation.config import SimulationConfig
+    from ceiling_dso_ros.simulation.drawn import RANDOM_CEILING, draw_camera, draw_config, draw_wheels
     from ceiling_dso_ros.simulation.robot import WheelErrors
 
     width, height = parse_image_size(options.size, "--size")
-    return SimulationConfig(
-        sequence=options.sequence,
-        ceiling=options.ceiling,
-        seed=options.seed,
-        duration_s=options.duration,
-        camera=CameraModel(
-            width=width,
-            height=height,
-            fps=options.fps,
-            read_noise=options.read_noise,
-            shot_noise=options.shot_noise,
-            response_gamma=options.response_gamma,
-            vignette=options.vignette,
-            distortion=tuple(options.distortion),
-        ),
-        wheels=WheelErrors(
-            radius=options.radius_error,
-            ratio=options.ratio_error,
-            wheel_base=options.wheel_base_error,
-            travel_noise_m=options.travel_noise,
-            tick_noise=options.tick_noise,
-        ),
-        events=tuple(options.event),
-        time_offset_s=options.time_offset,
-        stereo=options.stereo,
-        forward=options.forward,
-        imu=options.imu,
-    )
+    camera = {"width": width, "height": height, **_given(options, CAMERA)}
+    wheels = _given(options, WHEELS)
+    settings: Dict[str, Any] = {
+        "duration_s": options.duration,
+        "events": tuple(options.event),
+        "time_offset_s": options.time_offset,
+        "stereo": options.stereo,
+        "forward": options.forward,
+        "imu": options.imu,
+    }
+    if options.no_exposures:
+        settings["exposures_told"] = False
+    if options.ceiling != RANDOM_CEILING:
+        settings.update(camera=CameraModel(**camera), wheels=WheelErrors(**wheels))
+        return SimulationConfig(options.sequence, options.ceiling, options.seed, **settings)
+    settings.update(camera=draw_camera(options.seed, **camera), wheels=draw_wheels(options.seed, **wheels))
+    return draw_config(options.sequence, options.seed, **settings)
 
 
 def _shown(measurements: Iterable["Measurement"], progress: "tqdm") -> Iterator["Measurement"]:

@@ -150,7 +150,7 @@ class SimulationParameters:
     # sequence: along a planned path; cmd_vel: as it is commanded, from where the sequence starts
     drive: str = "sequence"
     sequence: str = "loops"  # square, loops, straight, spin or stop_and_go
-    ceiling: str = "factory"  # factory, tiles, warehouse or plaster
+    ceiling: str = "factory"  # factory, tiles, warehouse, plaster or random
     seed: int = 0  # seed of all random choices
     duration: float = 0.0  # seconds, 0.5 to 7200; 0 for one lap, or without an end where it is commanded
     rate: float = 1.0  # simulated seconds per real second; less if rendering takes longer; 0 for as many as possible

@@ -112,7 +112,8 @@ class MeasurementMessages:
             topic = CAMERA_NAMESPACES[frame_id]
             size = (lens.width, lens.height)
             self._bag.camera_info(f"{topic}/camera_info", stamp_ns, frame_id, size, lens.matrix, distortion)
-            self._bag.exposure(f"{topic}/exposure", stamp_ns, frame_id, frame.exposure_ms)
+            if frame.exposure_ms is not None:
+                self._bag.exposure(f"{topic}/exposure", stamp_ns, frame_id, frame.exposure_ms)
             self._bag.image(f"{topic}/image_raw", stamp_ns, frame_id, image)
 
     @write.register

@@ -44,6 +44,9 @@ class CameraModel:
         response_gamma: the grey level is proportional to the light to the power of 1 / gamma.
         vignette: share of the light that the corners lose.
         distortion: k1 k2 p1 p2 of a radial-tangential lens; empty when rectified.
+        blur_px: standard deviation of the blur of a lens that is not in focus.
+        jpeg_quality: images are compressed with losses, 1 to 100; 0: they are not.
+        exposure_follows: the exposure time follows the light; otherwise it is fixed.
     """
 
     width: int = 848
@@ -55,6 +58,9 @@ class CameraModel:
     response_gamma: float = 1.0
     vignette: float = 0.0
     distortion: Tuple[float, ...] = ()
+    blur_px: float = 0.0
+    jpeg_quality: int = 0
+    exposure_follows: bool = True
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -69,6 +75,8 @@ class CameraModel:
         require(0.0 <= self.vignette <= 0.8, f"vignette {self.vignette:g}: 0 to 0.8")
         require(len(self.distortion) in (0, 4), "distortion: give k1 k2 p1 p2 or nothing")
         require(all(abs(k) <= 0.5 for k in self.distortion), f"distortion {self.distortion}: each -0.5 to 0.5")
+        require(0.0 <= self.blur_px <= 5.0, f"blur {self.blur_px:g}: 0 to 5 pixels")
+        require(0 <= self.jpeg_quality <= 100, f"JPEG quality {self.jpeg_quality}: 1 to 100, or 0 for none")
 
     @cached_property
     def lens(self) -> LensCamera:
@@ -107,7 +115,7 @@ class CameraModel:
         return np.sqrt(self.read_noise**2 + self.shot_noise**2 / 255.0 * level)
 
     def develop(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Turn light into grey levels: vignette, noise, saturation, response, rounding.
+        """Turn light into grey levels: blur, vignette, noise, saturation, response, rounding, JPEG.
 
         Args:
             light: (height, width) float32 where 1 saturates.
@@ -117,6 +125,8 @@ class CameraModel:
             (height, width) uint8.
         """
         level = light * np.float32(255.0)
+        if self.blur_px > 0:
+            level = cv2.GaussianBlur(level, (0, 0), self.blur_px, borderType=cv2.BORDER_REPLICATE)
         if self.vignette > 0:
             level *= self._vignette
         if self.read_noise > 0 or self.shot_noise > 0:
@@ -124,7 +134,13 @@ class CameraModel:
         np.clip(level, 0.0, 255.0, out=level)
         if self.response_gamma != 1.0:
             level = 255.0 * (level / 255.0) ** np.float32(1.0 / self.response_gamma)
-        return np.rint(level).astype(np.uint8)
+        return self._compressed(np.rint(level).astype(np.uint8))
+
+    def _compressed(self, image: np.ndarray) -> np.ndarray:
+        if not self.jpeg_quality:
+            return image
+        _, data = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality))
+        return cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
 
     @cached_property
     def _vignette(self) -> np.ndarray:
@@ -171,6 +187,7 @@ class ExposureControl:
         self.phases = rng.uniform(0.0, 2 * np.pi, len(DRIFT_PERIODS_S))
         self._events = events
         self._drift = model.exposure_drift * np.sqrt(2.0 / len(DRIFT_PERIODS_S))
+        self._follows = model.exposure_follows
         self._state = self._wanted(np.zeros(1))[0]
         self._followed = array("d")  # logarithm of the exposure without drift, every CONTROL_STEP_S
         self._lock = Lock()  # images are rendered by several threads
@@ -196,4 +213,4 @@ class ExposureControl:
             self._followed.append(self._state)
 
     def _wanted(self, time_s: np.ndarray) -> np.ndarray:
-        return -np.log(light_level(self._events, time_s))
+        return -np.log(light_level(self._events, time_s)) if self._follows else np.zeros(len(time_s))

@@ -27,6 +27,7 @@ class SimulationConfig:
         vibration: of the base.
         events: texts as `events.parse_events` takes them.
         time_offset_s: delay of the image stamps: stamp minus true time.
+        exposures_told: the camera tells the exposure times.
         stereo: a second upward camera, 95 mm to the right.
         forward: a camera that looks ahead.
         imu: an inertial unit.
@@ -41,6 +42,7 @@ class SimulationConfig:
     vibration: Vibration = field(default_factory=Vibration)
     events: Tuple[str, ...] = ()
     time_offset_s: float = 0.0
+    exposures_told: bool = True
     stereo: bool = False
     forward: bool = False
     imu: bool = False
@@ -57,5 +59,6 @@ class SimulationConfig:
             value = getattr(self.wheels, name)
             require(abs(value) <= limit, f"wheels.{name} {value:g}: -{limit:g} to {limit:g}")
         require(self.wheels.travel_noise_m >= 0.0, "wheels.travel_noise_m: must not be negative")
+        require(0.0 <= self.wheels.turn_slip <= 0.2, f"wheels.turn_slip {self.wheels.turn_slip:g}: 0 to 0.2")
         require(0.0 <= self.wheels.tick_noise <= 100.0, f"wheels.tick_noise {self.wheels.tick_noise:g}: 0 to 100 ticks")
         self.camera.check()

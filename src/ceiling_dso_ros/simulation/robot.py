@@ -47,6 +47,7 @@ class WheelErrors:
         wheel_base: relative error of the wheel base.
         travel_noise_m: random walk of each wheel's distance, metres after one metre.
         tick_noise: white noise of each reading, ticks.
+        turn_slip: share of its way by which each wheel turns further while the robot turns with 1 rad/s, as on a floor.
     """
 
     radius: float = 0.0
@@ -54,6 +55,7 @@ class WheelErrors:
     wheel_base: float = 0.01
     travel_noise_m: float = 5e-5
     tick_noise: float = 0.3
+    turn_slip: float = 0.0
 
     def applied(self, nominal: RobotDescription) -> RobotDescription:
         """The real robot."""

@@ -141,6 +141,7 @@ class Simulation(World):
             "vibration_hz_and_phase": self.robot.tones.tolist(),
             "imu_gyro_bias": unit.gyro_bias.tolist(),
             "imu_acceleration_bias": unit.acceleration_bias.tolist(),
+            "hall": self.hall.description,
             "lamps": [lamp.position.tolist() for lamp in self.hall.lamps],
         }
 

@@ -101,7 +101,8 @@ class World:
             if number == 0:
                 light = covered_light(self.events, time_s, light)
             images[name] = self.config.camera.develop(light, self.rng("noise", number, index))
-        return CameraFrame(self.image_stamp_ns(time_s), time_s, exposure_ms, images)
+        told_ms = exposure_ms if self.config.exposures_told else None
+        return CameraFrame(self.image_stamp_ns(time_s), time_s, told_ms, images)
 
     def light(self, time_s: float, exposure_ms: float, T_base_camera: np.ndarray) -> np.ndarray:
         """Light that a camera receives while all lamps are on, (H, W) float32, where 1 saturates.

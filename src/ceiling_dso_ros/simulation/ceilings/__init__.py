@@ -5,6 +5,7 @@ from typing import Callable, Dict
 
 import numpy as np
 
+from ceiling_dso_ros.simulation.ceilings.drawn import random_hall
 from ceiling_dso_ros.simulation.ceilings.factory import factory
 from ceiling_dso_ros.simulation.ceilings.plaster import plaster
 from ceiling_dso_ros.simulation.ceilings.tiles import tiles
@@ -16,4 +17,5 @@ CEILINGS: Dict[str, Callable[[np.random.Generator], Hall]] = {
     "tiles": tiles,
     "warehouse": warehouse,
     "plaster": plaster,
+    "random": random_hall,
 }

@@ -6,9 +6,9 @@ pixel covers there) and one low-pass filter are right for all images: a point ha
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -36,12 +36,14 @@ class Hall:
         lamps: positions and powers of the lamps that light their surroundings.
         size_m: length (x) and width (y) of the floor.
         obstacles: what stands and moves on the floor.
+        description: what was drawn at random, for those who judge how difficult it is.
     """
 
     surfaces: Sequence[Surface]
     lamps: Sequence[Source]
     size_m: Tuple[float, float]
     obstacles: Obstacles
+    description: Dict[str, Any] = field(default_factory=dict)
 
 
 class Scene(NamedTuple):

@@ -108,25 +108,23 @@ def hangers(points: Sequence[Point], heights: Sequence[float], radius: float = 0
     return surfaces
 
 
-def tube_lamp(center: Point, yaw: float, length: float = 1.5) -> Surfaces:
+def tube_lamp(center: Point, yaw: float, length: float = 1.5, lamp: Material = materials.LAMP) -> Surfaces:
     """Luminaire with two fluorescent tubes under a white tray."""
     middle = np.array(center, dtype=float)
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0]) * length / 2
     side = np.array([-np.sin(yaw), np.cos(yaw), 0.0]) * 0.055
     surfaces = box(middle + np.array([0, 0, 0.05]), (length, 0.2, 0.04), materials.WHITE, yaw)
     for sign in (-1.0, 1.0):
-        surfaces += tube(
-            middle + sign * side - along, middle + sign * side + along, 0.014, materials.LAMP, 8, capped=True
-        )
+        surfaces += tube(middle + sign * side - along, middle + sign * side + along, 0.014, lamp, 8, capped=True)
     return surfaces
 
 
-def bay_lamp(center: Point, radius: float = 0.22) -> Surfaces:
+def bay_lamp(center: Point, radius: float = 0.22, lamp: Material = materials.LAMP) -> Surfaces:
     """Round high-bay lamp: a dark housing, a bright ring and a disk that saturates."""
     x, y, z = center
     housing = tube((x, y, z), (x, y, z + 0.18), radius, materials.STEEL, sides=20)
     neck = tube((x, y, z + 0.18), (x, y, z + 0.35), 0.4 * radius, materials.STEEL, sides=10)
-    return [*housing, *neck, disk(center, (0, 0, -1), radius * 0.93, materials.LAMP), *_ring(center, radius)]
+    return [*housing, *neck, disk(center, (0, 0, -1), radius * 0.93, lamp), *_ring(center, radius)]
 
 
 def _ring(center: Point, radius: float) -> Surfaces:
@@ -134,7 +132,7 @@ def _ring(center: Point, radius: float) -> Surfaces:
     return [disk((x, y, z + 0.003), (0, 0, -1), radius, materials.WHITE)]
 
 
-def panel_lamp(corner: Point, size_x: float, size_y: float) -> Surfaces:
+def panel_lamp(corner: Point, size_x: float, size_y: float, lamp: Material = materials.LOUVRE) -> Surfaces:
     """Flush office lamp: a white frame and a bright louvre."""
     x, y, z = corner
     inset = 0.04
@@ -143,7 +141,7 @@ def panel_lamp(corner: Point, size_x: float, size_y: float) -> Surfaces:
         (x + inset, y + size_y - inset, z - 0.006),
         (size_x - 2 * inset, 0, 0),
         (0, -size_y + 2 * inset, 0),
-        materials.LOUVRE,
+        lamp,
     )
     return [frame, louvre]
 

@@ -47,8 +47,9 @@ class EncoderPair:
 
     def __init__(self, robot: RobotDescription, errors: WheelErrors, rng: np.random.Generator) -> None:
         self._robot, self._errors, self._rng = robot, errors, rng
+        self._last_s = 0.0
         self._last_m: Optional[np.ndarray] = None
-        self._wandered_m = np.zeros(2)
+        self._wandered_m, self._scrubbed_m = np.zeros(2), np.zeros(2)
         self._offset = np.zeros(2, dtype=np.int64)
 
     def read(self, time_s: np.ndarray, driven_m: np.ndarray, slipped_m: np.ndarray) -> Encoders:
@@ -61,17 +62,26 @@ class EncoderPair:
         """
         is_first = self._last_m is None
         before = driven_m[:1] if is_first else np.asarray(self._last_m)[None]
-        steps = np.abs(np.diff(np.concatenate([before, driven_m])[int(is_first) :], axis=0))
+        moved = np.diff(np.concatenate([before, driven_m])[int(is_first) :], axis=0)
+        durations_s = np.diff([self._last_s, *time_s])[int(is_first) :]
+        steps = np.abs(moved)
         noise = self._errors.travel_noise_m * np.sqrt(steps) * self._rng.standard_normal(steps.shape)
         wandered = self._wandered_m + np.cumsum(noise, axis=0)
-        self._last_m = driven_m[-1]
-        self._wandered_m = wandered[-1] if len(wandered) else self._wandered_m
-        way = driven_m + np.concatenate([np.zeros((int(is_first), 2)), wandered]) + slipped_m
+        scrubbed = self._scrubbed_m + np.cumsum(self._scrubbing(moved, durations_s), axis=0)
+        self._last_s, self._last_m = time_s[-1], driven_m[-1]
+        if len(wandered):
+            self._wandered_m, self._scrubbed_m = wandered[-1], scrubbed[-1]
+        way = driven_m + np.concatenate([np.zeros((int(is_first), 2)), wandered + scrubbed]) + slipped_m
         turns = way / (2 * np.pi * np.array(self._robot.wheel_radius_m))
         ticks = turns * self._robot.ticks_per_turn + self._errors.tick_noise * self._rng.standard_normal(turns.shape)
         if is_first:
             self._offset = self._rng.integers(2**31 - 60_000, 2**31 - 20_000, 2)
         return Encoders(time_s, np.floor(ticks).astype(np.int64) + self._offset)
+
+    def _scrubbing(self, moved_m: np.ndarray, durations_s: np.ndarray) -> np.ndarray:
+        """Way by which the wheels turn further over steps in which the robot turns, (N, 2) of (N, 2) and (N,)."""
+        turn_rates = np.abs(moved_m[:, 1] - moved_m[:, 0]) / (self._robot.wheel_base_m * durations_s)
+        return self._errors.turn_slip * turn_rates[:, None] * moved_m
 
 
 def read_encoders(

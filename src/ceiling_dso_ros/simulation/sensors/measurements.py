@@ -2,7 +2,7 @@
 """What is measured: one type for each kind of sensor, with its stamp."""
 
 from dataclasses import dataclass
-from typing import Dict, NamedTuple, Union
+from typing import Dict, NamedTuple, Optional, Union
 
 import numpy as np
 
@@ -21,13 +21,13 @@ class CameraFrame:
     Attributes:
         stamp_ns: nanoseconds, the middle of the exposure as the camera's clock tells it.
         time_s: the true time of the simulation.
-        exposure_ms: exposure time.
+        exposure_ms: exposure time; None if the camera does not tell it.
         images: child frame of the camera -> (H, W) uint8; the upward camera's comes first.
     """
 
     stamp_ns: int
     time_s: float
-    exposure_ms: float
+    exposure_ms: Optional[float]
     images: Dict[str, np.ndarray]
 
     @property
