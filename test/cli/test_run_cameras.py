@@ -30,13 +30,14 @@ def listed(tum_folder_of_module):
 def bag(listed, tmp_path):
     """Write the recording as a bag, with other images and another camera_info."""
 
-    def write(change=lambda image: image, encoding=None, topic=IMAGE, without_exposure=(), **info):
+    def write(change=lambda image: image, encoding=None, topic=IMAGE, without_exposure=(), wrong=False, **info):
         path = tmp_path / "tour.bag"
         with BagWriter(path) as writer:
             for number, (stamp_ns, exposure_ms, image) in enumerate(listed):
                 writer.write(INFO, stamp_ns, camera_info(stamp_ns, **info))
                 if number not in without_exposure:
-                    writer.exposure("/camera/up/exposure", stamp_ns, "camera", exposure_ms)
+                    told_ms = (4.0, 4.4)[number % 2] if wrong else exposure_ms
+                    writer.exposure("/camera/up/exposure", stamp_ns, "camera", told_ms)
                 writer.image(topic, stamp_ns, "camera", change(image), encoding)
         return path
 
@@ -203,3 +204,15 @@ def test_a_missing_exposure_is_unknown(bag):
     recording = open_recording(bag(without_exposure=(7, 30)))
     unknown = [number for number, frame in enumerate(recording.frames()) if frame.exposure_ms is None]
     assert unknown == [7, 30]
+
+
+def test_exposures_can_be_left_out(bag, tmp_path):
+    """As if the recording had none, to the last bit; with them, which are wrong, the poses are others."""
+
+    def tracked(name, path, *options):
+        assert main(["run", str(path), "--out", str(tmp_path / name), *options]) == 0
+        return (tmp_path / name / "camera.tum").read_text()
+
+    left_out = tracked("left out", bag(wrong=True), "--no-exposure")
+    assert left_out == tracked("none", bag(without_exposure=range(COUNT)))
+    assert left_out != tracked("used", bag(wrong=True))

@@ -70,7 +70,7 @@ def test_simulate_draws_and_says_what(tmp_path):
     bag = tmp_path / "drawn.bag"
     small = ["--size", "212x120", "--fps", "10", "--duration", "0.6"]
     command = ["simulate", "loops", "--ceiling", "random", "--seed", "14", "--out", str(bag), *small]
-    assert main([*command, "--read-noise", "2.5", "--no-exposures"]) == 0
+    assert main([*command, "--read-noise", "2.5", "--no-exposure"]) == 0
     truth = yaml.safe_load((tmp_path / "drawn.truth.yaml").read_text())
     assert truth["hall"]["roof"] == "pitched"
     assert truth["hall"]["hangings"]

@@ -28,6 +28,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         "--camera-info-topic", metavar="TOPIC", help="default: camera_info in the namespace of the images"
     )
     parser.add_argument("--exposure-topic", metavar="TOPIC", help="default: exposure in the namespace of the images")
+    parser.add_argument("--no-exposure", action="store_true", help="do not use the exposure times of the recording")
     parser.add_argument(
         "--rectified", action="store_true", help="the images are rectified: use P of camera_info, not K and D"
     )
@@ -61,7 +62,7 @@ def open_with(options: argparse.Namespace, warnings: "WarningLog") -> "Recording
     from ceiling_dso_ros.io.recording import TopicNames
 
     check_bits(options.bits, "--bits")
-    return open_recording(
+    recording = open_recording(
         options.input,
         TopicNames(**topics_of_camera(options), **topics_of_wheels(options)),
         camera_file=options.camera,
@@ -69,6 +70,8 @@ def open_with(options: argparse.Namespace, warnings: "WarningLog") -> "Recording
         rectified=options.rectified,
         warn=warnings.add,
     )
+    recording.uses_exposures = not options.no_exposure
+    return recording
 
 
 def visual_run(

@@ -60,7 +60,7 @@ def _add_camera_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--distortion", metavar="K", type=float, nargs=4, help="k1 k2 p1 p2 of the lens (default: none)")
     group.add_argument("--blur", metavar="PX", type=float, dest="blur_px", help="of the lens, pixels (default 0)")
     group.add_argument("--jpeg", metavar="Q", type=int, dest="jpeg_quality", help="quality, 1 to 100 (default: none)")
-    group.add_argument("--no-exposures", action="store_true", help="the camera does not tell its exposure times")
+    group.add_argument("--no-exposure", action="store_true", help="the camera does not tell its exposure times")
     group.add_argument(
         "--time-offset", metavar="S", type=float, default=0.0, help="delay of the image stamps, seconds (default 0)"
     )
@@ -177,7 +177,7 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
         "forward": options.forward,
         "imu": options.imu,
     }
-    if options.no_exposures:
+    if options.no_exposure:
         settings["exposures_told"] = False
     if options.ceiling != RANDOM_CEILING:
         settings.update(camera=CameraModel(**camera), wheels=WheelErrors(**wheels))

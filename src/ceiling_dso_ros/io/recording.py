@@ -178,11 +178,13 @@ class Recording(ABC):
         path: the folder or the bag.
         calibration: of the camera.
         photometric: of the camera.
+        uses_exposures: the frames have the exposure times of the recording; otherwise none.
     """
 
     path: Path
     calibration: CameraCalibration
     photometric: PhotometricCalibration
+    uses_exposures: bool = True
 
     @property
     def name(self) -> str:
@@ -258,7 +260,7 @@ class Recording(ABC):
                 yield SkippedFrame(stamp_ns, f"{listed.name}: {error}; frame skipped", str(error))
                 continue
             last_ns = stamp_ns
-            yield Frame(stamp_ns, listed.exposure_ms, image)
+            yield Frame(stamp_ns, listed.exposure_ms if self.uses_exposures else None, image)
 
     def _read(self, listed: ListedImage, last_ns: int) -> np.ndarray:
         if listed.stamp_ns is not None and listed.stamp_ns <= last_ns:
