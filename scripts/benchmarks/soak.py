@@ -2,7 +2,8 @@
 """An hour of driving through all nodes, at twice real time, with a fault every minute.
 
 Memory, threads and open files of each node after ten minutes and at the end, the time from a wheel sample to its pose,
-the state when no fault has happened for a while, and the error of the pose in sigmas of its covariance.
+the state when no fault has happened for a while, and the error of the pose in sigmas of its covariance. At the end,
+fusion_node saves while it goes on, and SIGINT ends all.
 """
 
 import argparse
@@ -22,9 +23,12 @@ RUN_SOAK = Path(__file__).parent / "support" / "faults" / "run_soak.py"
 EARLY = 10  # minute from which on nothing may grow
 WARM = 5  # minute whose latency is compared with that of the end
 MOST_SIGMAS = 4.0
+FILES = 6  # camera.tum, camera_final.tum, keyframes.tum, wheel.tum, fused.tum, fused_smoothed.tum
+LONGEST_GAP_MS = 50.0  # between two poses while the trajectories are saved
+LONGEST_END_S = 15.0  # after which roslaunch kills nodes
 
 
-def rows(minutes: List[Dict[str, Any]]) -> Iterator[Row]:
+def rows(minutes: List[Dict[str, Any]], end: Dict[str, Any]) -> Iterator[Row]:
     """What was measured, with its limits."""
     early, late = minutes[min(EARLY, len(minutes)) - 1], minutes[-1]
     for node in NODES:
@@ -51,6 +55,12 @@ def rows(minutes: List[Dict[str, Any]]) -> Iterator[Row]:
     yield Row(
         "fusion_node", "error in sigmas, largest of all minutes", [max(m["sigmas"] for m in minutes)], MOST_SIGMAS
     )
+    poses = end["poses"]
+    keyframes = f"{poses.get('fused_smoothed.tum', 0)} keyframes"
+    yield Row("fusion_node", f"longest time between two poses while it saves, ms ({end['save_s']:.1f} s, {keyframes})",
+              [end["save_gap_ms"]], LONGEST_GAP_MS)  # fmt: skip
+    yield Row("all nodes", "from SIGINT to the end, s", [end["interrupt_s"]], LONGEST_END_S)
+    yield Row("all nodes", "files that are left, with poses", [sum(count > 0 for count in poses.values())], low=FILES)
 
 
 def main() -> int:
@@ -83,7 +93,8 @@ def main() -> int:
     if code or not result.is_file():
         print(f"the drive has failed, see {folder}", file=sys.stderr)
         return 1
-    found = list(rows(json.loads(result.read_text())))
+    measured = json.loads(result.read_text())
+    found = list(rows(measured["minutes"], measured["end"]))
     print(report(found))
     return 0 if all(row.holds for row in found) else 1
 

@@ -4,6 +4,7 @@
 
 import subprocess
 import sys
+import time
 import unittest
 
 import numpy as np
@@ -124,6 +125,18 @@ class DsoNodeMechanics(unittest.TestCase):
         finally:
             self.player.calibrate(*CAMERA)
             self.play_until(VisualOdometryStatus.INITIALIZING, PIXELS)
+
+    def test_camera_info_for_images_of_another_size_changes_nothing(self):
+        rejected = self.player.play(self.next_image()).rejected
+        try:
+            self.player.calibrate(640, 480, 425.0, 425.0, 320.0, 240.0)
+            until = time.monotonic() + 1.0  # it comes over another connection
+            while time.monotonic() < until:
+                status = self.player.play(self.next_image())
+                self.assertEqual((status.state, status.rejected), (VisualOdometryStatus.INITIALIZING, rejected))
+                self.assertNotIn("first frame", status.message)
+        finally:
+            self.player.calibrate(*CAMERA)
 
     def test_encodings(self):
         for encoding, pixels in (

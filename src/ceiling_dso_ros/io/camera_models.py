@@ -42,6 +42,11 @@ class CameraCalibration:
         same = (lens.fx, lens.fy, lens.cx, lens.cy) == (camera.fx, camera.fy, camera.cx, camera.cy)
         return same and lens.model == "Pinhole" and (lens.width, lens.height) == (camera.width, camera.height)
 
+    @property
+    def image_size(self) -> Tuple[int, int]:
+        """Width and height of the raw camera's images."""
+        return self.lens.width, self.lens.height
+
     def require_size_of(self, image: np.ndarray) -> None:
         """Refuse an (H, W) image of another size than the raw camera's.
 
@@ -49,7 +54,7 @@ class CameraCalibration:
             FrameError: naming both sizes.
         """
         height, width = image.shape
-        if (width, height) != (self.lens.width, self.lens.height):
+        if (width, height) != self.image_size:
             raise FrameError(
                 f"the image is {width}x{height}, but the calibration is for {self.lens.width}x{self.lens.height}"
             )

@@ -78,15 +78,23 @@ class CalibrationInput:
             rospy.logwarn(doubt)
 
     def _read(self) -> None:
-        """Take the newest camera_info, unless it is wrong: then the one before remains."""
+        """Take the newest camera_info, unless it is wrong, or for other images: then the one before remains."""
         if not self._fields:
             return
         topic = rospy.resolve_name("camera_info")
         try:
-            self._newest = calibration_from_camera_info(
+            read = calibration_from_camera_info(
                 **self._fields, rectified=self._rectified, image_size=self._image_size, source=topic
             )
-            self.complaint = ""
+            if self._newest is not None and read.image_size != self._image_size == self._newest.image_size:
+                raise InputError(
+                    f"{topic}: it is for images of {_size_text(read.image_size)}, not {_size_text(self._image_size)}"
+                )
+            self._newest, self.complaint = read, ""
         except InputError as error:
             self.complaint = one_line(f"ignored: {error}")
             rospy.logwarn_throttle(WARNING_PERIOD_S, self.complaint)
+
+
+def _size_text(size: Tuple[int, int]) -> str:
+    return "x".join(map(str, size))

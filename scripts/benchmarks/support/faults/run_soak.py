@@ -4,6 +4,8 @@
 
 import json
 import os
+import signal
+import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -15,6 +17,7 @@ import rospy
 from support.faults.catalogue import FAULTS
 from support.faults.drive import Drive, whole_lap
 from support.faults.live import READY_S, Live
+from support.faults.machine_faults import save
 from support.faults.robot import LiveRobot
 from support.faults.shuttle import Shuttle
 from support.faults.system import NODES, LiveSystem, wait_until
@@ -29,6 +32,8 @@ INJECTED = (
     *("not_numbers", "noise", "hand", "against_a_wall", "wrong_encoding", "saved"),
 )
 CALM_S = 20.0  # before the end of a minute the faults are long over
+AROUND_S = 1.0  # before and after saving, in which outputs are counted, too
+LONGEST_END_S = 60.0
 
 
 @dataclass
@@ -54,28 +59,78 @@ class Minute:
     sigmas: float
 
 
+@dataclass
+class End:
+    """What happens after the last minute.
+
+    Attributes:
+        save_s: how long fusion_node took to save its trajectories while it went on.
+        save_gap_ms: longest time between two of its outputs meanwhile.
+        interrupt_s: from SIGINT to roslaunch until all nodes had ended; infinite if one had to be killed.
+        poses: lines of the files that were left then, by name.
+    """
+
+    save_s: float
+    save_gap_ms: float
+    interrupt_s: float
+    poses: Dict[str, int]
+
+
 def main() -> int:
     """Drive; each minute is written when it is over."""
     minutes, rate = int(sys.argv[1]), float(sys.argv[2])
     drives, result = Path(sys.argv[3]), Path(sys.argv[4])
     drive = whole_lap(drives)
-    arguments = {"robot": str(files_beside(drive.bag)["robot"]), "respawn": "false"}
+    kept = result.parent / "kept"
+    robot_file = str(files_beside(drive.bag)["robot"])
+    arguments = {"robot": robot_file, "respawn": "false", "trajectory_dir": str(kept)}
     log_file = result.with_name("nodes.log")
     with log_file.open("w") as log, LiveSystem(dict(os.environ), arguments, log, ()) as system:
         system.set_parameter("/use_sim_time", True)
-        system.launch()
+        launched = system.launch()
         rospy.init_node("soak", disable_signals=True)
         robot = LiveRobot(Shuttle(Drive(drive)), True, True, rate)
         live = Live(robot, system, Witness(), result.parent)
         wait_until(robot.is_heard, READY_S, "the nodes do not listen")
-        found: List[Dict[str, object]] = []
+        found: Dict[str, List[Dict[str, object]]] = {"minutes": []}
         with robot:
             for number in range(minutes):
-                found.append(
-                    asdict(_minute(live, 60.0 * number, INJECTED[number % len(INJECTED)] if number else "nothing"))
-                )
+                fault = INJECTED[number % len(INJECTED)] if number else "nothing"
+                found["minutes"].append(asdict(_minute(live, 60.0 * number, fault)))
                 result.write_text(json.dumps(found, indent=1))
+            save_s, gap_ms = _saved(live, result.parent / "saved")
+        end = End(save_s, gap_ms, _interrupted_s(launched), {p.name: _poses(p) for p in sorted(kept.glob("*.tum"))})
+        result.write_text(json.dumps({**found, "end": asdict(end)}, indent=1))
     return 0
+
+
+def _saved(live: Live, folder: Path) -> Tuple[float, float]:
+    """Seconds that fusion_node takes to save, and its longest silence meanwhile in milliseconds."""
+    live.witness.forget()
+    live.drive(AROUND_S)
+    start_s = time.monotonic()
+    answer = save("fusion_node", folder)
+    took_s = time.monotonic() - start_s
+    if not answer.success:
+        raise OSError(answer.message)
+    live.drive(AROUND_S)
+    gaps_s = np.diff([output.arrival_s for output in live.witness.outputs])
+    return took_s, 1e3 * float(gaps_s.max())
+
+
+def _interrupted_s(launched: subprocess.Popen) -> float:
+    """Seconds from SIGINT to the end of roslaunch; infinite if that kills nodes, or does not end."""
+    start_s = time.monotonic()
+    launched.send_signal(signal.SIGINT)
+    try:
+        launched.wait(LONGEST_END_S)
+    except subprocess.TimeoutExpired:
+        return np.inf
+    return time.monotonic() - start_s
+
+
+def _poses(path: Path) -> int:
+    return sum(not line.startswith("#") for line in path.read_text().splitlines())
 
 
 def _minute(live: Live, begin_s: float, fault: str) -> Minute:
