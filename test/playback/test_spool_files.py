@@ -10,7 +10,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.io.rolling_file import old_part
 from ceiling_dso_ros.playback.fusion_spool import FusionSpool
 from ceiling_dso_ros.playback.spool import SpoolFolder
-from ceiling_dso_ros.playback.spool_files import is_spool, write_all, write_computed_apart, write_copies
+from ceiling_dso_ros.playback.spool_files import is_spool, write_all, write_all_apart, write_copies
 
 LINE = b"1.000000000 0.0 0.0 0.0 0.0 0.0 0.0 1.0\n"
 
@@ -72,16 +72,21 @@ def test_nonsense_in_a_spool_is_an_error_of_one_file(kept, out):
     assert names(out) == ["fused.tum", "wheel.tum"]
 
 
-def test_another_process_computes_the_same(kept, out):
-    assert write_computed_apart(kept, out).poses == {"fused_smoothed.tum": 0}
-    assert names(out) == ["fused_smoothed.tum"]
+def test_another_process_writes_the_same(kept, out, tmp_path):
+    (tmp_path / "here").mkdir()
+    assert write_all_apart(kept, out) == write_all(kept, tmp_path / "here")
+    assert names(out) == ["fused.tum", "fused_smoothed.tum", "wheel.tum"]
+    for name in names(out):
+        assert (out / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
 
 
-def test_a_process_that_fails_is_an_error(kept, out, monkeypatch):
+def test_a_process_that_fails_is_an_error_and_what_can_be_copied_is_there(kept, out, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    assert write_computed_apart(kept, out).errors == [f"{kept}: no trajectories could be computed: exit code 1"]
+    written = write_all_apart(kept, out)
+    assert written.errors == [f"{kept}: no trajectories could be computed: exit code 1"]
+    assert list(written.poses) == names(out)[::-1] == ["wheel.tum", "fused.tum"]
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    assert "No such file" in write_computed_apart(kept, out).errors[0]
+    assert "No such file" in write_all_apart(kept, out).errors[0]
 
 
 def test_what_is_a_spool(kept, tmp_path):

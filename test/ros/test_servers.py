@@ -95,7 +95,7 @@ def fusion(rosless):
 
 def test_output_goes_on_while_trajectories_are_saved(fusion, tmp_path, monkeypatch):
     """However long that takes; here it waits for the output."""
-    compute, answer = trajectory_keeper.write_computed_apart, []
+    compute, answer = trajectory_keeper.write_all_apart, []
     begins, ends = threading.Event(), threading.Event()
 
     def slow(*folders):
@@ -103,7 +103,7 @@ def test_output_goes_on_while_trajectories_are_saved(fusion, tmp_path, monkeypat
         ends.wait()
         return compute(*folders)
 
-    monkeypatch.setattr(trajectory_keeper, "write_computed_apart", slow)
+    monkeypatch.setattr(trajectory_keeper, "write_all_apart", slow)
     fusion.go_on(150)
     saving = threading.Thread(
         target=lambda: answer.append(fusion.world.call("~save_trajectory", directory=str(tmp_path / "out")))
@@ -271,10 +271,11 @@ def test_a_camera_info_of_other_images_costs_neither_map_nor_memory(camera):
     run = camera.server._run
     camera.calibrate(192, 65535)
     status = camera.see()
-    assert (status.state, camera.server._run) == (VisualOdometryStatus.INITIALIZING, run)
-    assert status.message == f"the image is {WIDTH}x{HEIGHT}, but the calibration is for 192x65535"
+    assert (status.state, status.rejected, camera.server._run) == (VisualOdometryStatus.INITIALIZING, 0, run)
+    assert "camera_info: it is for images of 192x65535, not" in camera.world.diagnostics().message
     camera.calibrate()
-    assert camera.see().message != status.message
+    camera.see()
+    assert "camera_info" not in camera.world.diagnostics().message
     assert camera.server._run is run
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Makes trajectories of what a node has kept on the disk.
 
-What needs no computing is copied. While a node runs, the rest is computed in a process of its own, `python3 -m
-ceiling_dso_ros.playback.spool_files SPOOL DIR`: computing with the arrays of a whole drive would keep the node's other
+What needs no computing is copied. While a node runs, all of it is done in a process of its own, `python3 -m
+ceiling_dso_ros.playback.spool_files SPOOL DIR`: the arrays and the lines of a whole drive would keep the node's other
 threads from running for longer than a robot may wait for its pose.
 """
 
@@ -73,8 +73,8 @@ def write_computed(spool: Path, directory: Path) -> Written:
     return _write(spool, directory, {"keyframes.tum": write_keyframes, "camera_final.tum": write_final})
 
 
-def write_computed_apart(spool: Path, directory: Path) -> Written:
-    """The same in a process of its own."""
+def write_all_apart(spool: Path, directory: Path) -> Written:
+    """The same as `write_all` in a process of its own; if that fails, what can be copied is still written."""
     command = [sys.executable, "-m", __name__, str(spool), str(directory)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
@@ -86,7 +86,8 @@ def write_computed_apart(spool: Path, directory: Path) -> Written:
         reason = (error.stderr.strip().splitlines() or [f"exit code {error.returncode}"])[-1]
     except (OSError, ValueError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else str(error)
-    return Written(errors=[f"{spool}: no trajectories could be computed: {reason}"])
+    copied = write_copies(spool, directory)
+    return Written(copied.poses, [*copied.errors, f"{spool}: no trajectories could be computed: {reason}"])
 
 
 def _is_of_fusion(spool: Path) -> bool:
@@ -123,7 +124,7 @@ def main(arguments: Sequence[str]) -> int:
     """Entry point of the process."""
     spool, directory = map(Path, arguments)
     os.nice(NICENESS)
-    written = write_computed(spool, directory)
+    written = write_all(spool, directory)
     print(json.dumps({"poses": written.poses, "errors": written.errors}))
     return 0
 

@@ -10,7 +10,7 @@ import rospy
 
 from ceiling_dso_ros.io.errors import InputError, OutputError, one_line, reason_of
 from ceiling_dso_ros.playback.spool import MEGABYTE, Spool, SpoolFolder
-from ceiling_dso_ros.playback.spool_files import Written, write_computed, write_computed_apart, write_copies
+from ceiling_dso_ros.playback.spool_files import Written, write_all, write_all_apart
 from ceiling_dso_ros.ros import parameters
 from ceiling_dso_ros.ros.periodic import Periodic
 from ceiling_dso_ros.srv import SaveTrajectory, SaveTrajectoryRequest, SaveTrajectoryResponse
@@ -92,19 +92,19 @@ class TrajectoryKeeper(Generic[AnySpool]):
         """
         if self._directory is not None:
             try:  # here, because no output is waited for any more, and another process would take a second to start
-                print(self._save(self._directory, write_computed))
+                print(self._save(self._directory, write_all))
             except (InputError, OutputError) as error:
                 kept = "" if self.spool is None else f"; what was kept stays in {self.spool.path}"
                 raise OutputError(f"{error}{kept}") from error
         if self.spool is not None:
             self.spool.remove()
 
-    def _save(self, directory: Path, compute: Callable[[Path, Path], Written]) -> str:
+    def _save(self, directory: Path, write: Callable[[Path, Path], Written]) -> str:
         """Write the trajectories so far; returns what was written. Results are added all the while.
 
         Args:
             directory: to write to.
-            compute: writes those files that are not in the spool as they are.
+            write: makes the files of what is kept.
 
         Raises:
             InputError: nothing is kept, or the folder cannot be made or written to.
@@ -116,13 +116,10 @@ class TrajectoryKeeper(Generic[AnySpool]):
         with self._saving:
             newest = self._newest(self.spool)
             with self.spool.at_rest(), self.spool.beside(newest):
-                copied = write_copies(self.spool.path, directory)
-                computed = compute(self.spool.path, directory)
-        what = ", ".join(str(written) for written in (copied, computed) if written.poses)
-        if copied.errors or computed.errors:
-            errors = "; ".join([*copied.errors, *computed.errors])
-            raise OutputError(f"{errors}; written: {what or 'nothing'}")
-        return f"{directory.resolve()}: {what}"
+                written = write(self.spool.path, directory)
+        if written.errors:
+            raise OutputError(f"{'; '.join(written.errors)}; written: {written if written.poses else 'nothing'}")
+        return f"{directory.resolve()}: {written}"
 
     def _begin(self, begin: Callable[[SpoolFolder, int], AnySpool], limit: int) -> Optional[AnySpool]:
         base = self._directory or Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "ceiling_dso_ros"
@@ -141,6 +138,6 @@ class TrajectoryKeeper(Generic[AnySpool]):
 
     def _answer(self, request: SaveTrajectoryRequest) -> SaveTrajectoryResponse:
         try:
-            return SaveTrajectoryResponse(True, self._save(Path(request.directory).expanduser(), write_computed_apart))
+            return SaveTrajectoryResponse(True, self._save(Path(request.directory).expanduser(), write_all_apart))
         except (InputError, OutputError) as error:
             return SaveTrajectoryResponse(False, one_line(str(error)))

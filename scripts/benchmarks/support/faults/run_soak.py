@@ -10,7 +10,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import Dict, List, TextIO, Tuple
 
 import numpy as np
 import rospy
@@ -22,6 +22,7 @@ from support.faults.robot import LiveRobot
 from support.faults.shuttle import Shuttle
 from support.faults.system import NODES, LiveSystem, wait_until
 from support.faults.witness import Witness
+from support.ros_processes import running
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.simulation.bag import files_beside
@@ -32,7 +33,9 @@ INJECTED = (
     *("not_numbers", "noise", "hand", "against_a_wall", "wrong_encoding", "saved"),
 )
 CALM_S = 20.0  # before the end of a minute the faults are long over
-AROUND_S = 1.0  # before and after saving, in which outputs are counted, too
+LISTENER = Path(__file__).with_name("pose_listener.py")
+BEFORE_S, AFTER_S = 10.0, 1.0  # saving; the listener needs some of that to connect
+CONNECTED_S = 5.0
 LONGEST_END_S = 60.0
 
 
@@ -65,12 +68,14 @@ class End:
 
     Attributes:
         save_s: how long fusion_node took to save its trajectories while it went on.
-        save_gap_ms: longest time between two of its outputs meanwhile.
+        usual_gap_ms: longest time between two of its outputs in as much time before.
+        save_gap_ms: the same while it saved.
         interrupt_s: from SIGINT to roslaunch until all nodes had ended; infinite if one had to be killed.
         poses: lines of the files that were left then, by name.
     """
 
     save_s: float
+    usual_gap_ms: float
     save_gap_ms: float
     interrupt_s: float
     poses: Dict[str, int]
@@ -98,24 +103,29 @@ def main() -> int:
                 fault = INJECTED[number % len(INJECTED)] if number else "nothing"
                 found["minutes"].append(asdict(_minute(live, 60.0 * number, fault)))
                 result.write_text(json.dumps(found, indent=1))
-            save_s, gap_ms = _saved(live, result.parent / "saved")
-        end = End(save_s, gap_ms, _interrupted_s(launched), {p.name: _poses(p) for p in sorted(kept.glob("*.tum"))})
+            saved = _saved(live, result.parent, log)
+        interrupt_s = _interrupted_s(launched)
+        end = End(*saved, interrupt_s, {path.name: _poses(path) for path in sorted(kept.glob("*.tum"))})
         result.write_text(json.dumps({**found, "end": asdict(end)}, indent=1))
     return 0
 
 
-def _saved(live: Live, folder: Path) -> Tuple[float, float]:
-    """Seconds that fusion_node takes to save, and its longest silence meanwhile in milliseconds."""
-    live.witness.forget()
-    live.drive(AROUND_S)
-    start_s = time.monotonic()
-    answer = save("fusion_node", folder)
-    took_s = time.monotonic() - start_s
-    if not answer.success:
-        raise OSError(answer.message)
-    live.drive(AROUND_S)
-    gaps_s = np.diff([output.arrival_s for output in live.witness.outputs])
-    return took_s, 1e3 * float(gaps_s.max())
+def _saved(live: Live, folder: Path, log: TextIO) -> Tuple[float, float, float]:
+    """Seconds that fusion_node takes to save, and its longest silence before and meanwhile in milliseconds."""
+    heard = folder / "arrivals.json"
+    with running([sys.executable, str(LISTENER), str(heard)], dict(os.environ), log):
+        time.sleep(BEFORE_S)
+        start_s = time.monotonic()
+        answer = save("fusion_node", folder / "saved")
+        end_s = time.monotonic()
+        if not answer.success:
+            raise OSError(answer.message)
+        time.sleep(AFTER_S)
+    arrivals_s = np.array(json.loads(heard.read_text()))
+    gaps_s = np.diff(arrivals_s)
+    before = (arrivals_s[1:] > start_s - CONNECTED_S) & (arrivals_s[1:] < start_s)
+    meanwhile = (arrivals_s[1:] >= start_s) & (arrivals_s[:-1] < end_s + AFTER_S)
+    return end_s - start_s, 1e3 * float(gaps_s[before].max()), 1e3 * float(gaps_s[meanwhile].max())
 
 
 def _interrupted_s(launched: subprocess.Popen) -> float:
