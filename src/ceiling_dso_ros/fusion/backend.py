@@ -2,8 +2,9 @@
 """Adds keyframes and the wheels' motion to the graph, and detects slip and jumps of the scale."""
 
 import math
+from collections import deque
 from dataclasses import replace
-from typing import List, Optional, Sequence
+from typing import Deque, List, Optional, Sequence
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 from ceiling_dso_ros.fusion.wheel_bias import WheelBias
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
+
+MOST_REFINED = 100  # keyframes in a window of the odometry
 
 
 class KeyframeBackend:
@@ -43,6 +46,7 @@ class KeyframeBackend:
         self._graph = WindowGraph(config, noise, keep_history)
         self._chain = KeyframeChain()
         self._bias = WheelBias(noise, config.visual)
+        self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes whose motion contradicted the wheels
         self.monitor = SlipMonitor(config, noise)
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
@@ -79,7 +83,7 @@ class KeyframeBackend:
         new = self._chain.update(keyframes)
         for refined in self._chain.refinements():
             visual = self._on_floor(refined.T_before_node, refined.covariance)
-            if visual is not None:
+            if visual is not None and refined.node not in self._refused:
                 self._graph.revise(refined.node, visual=visual)
         return new
 
@@ -200,12 +204,19 @@ class KeyframeBackend:
         return visual if possible else None
 
     def _judged(self, interval: Interval) -> Interval:
-        """The interval with the result of the slip test."""
+        """The interval with the result of the slip test.
+
+        A map that was begun in place of a lost one may be wrong, as that of a cover or of a few lamps. Until its scale
+        is known, it has not agreed with the wheels for long enough: if it contradicts them, it is not used.
+        """
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
         found = self.monitor.compare(interval.wheels, interval.visual, scale, self.estimate.scale_sigma)
         known = self.scale_known and interval.continues
+        if self.scale_was_known and not known and self.monitor.beyond_gate(found, scale_known=False):
+            self._refused.append(interval.end)
+            return replace(interval, visual=None, continues=False)
         return replace(interval, wheels_slip=self.monitor.slips(interval, found, known))
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
