@@ -3,8 +3,9 @@
 
 import argparse
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator
 
 from ceiling_dso_ros.cli.outputs import complain, require_output_file
 from ceiling_dso_ros.io.errors import InputError, OutputError
@@ -70,10 +71,16 @@ def _add_camera_options(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_wheel_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--radius-error", metavar="X", type=float, help="mean radius, relative (default 0)")
-    group.add_argument("--ratio-error", metavar="X", type=float, help="ratio right/left, relative (default 0.01)")
-    group.add_argument("--wheel-base-error", metavar="X", type=float, help="relative (default 0.01)")
-    group.add_argument("--travel-noise", metavar="M", type=float, help="m after 1 m (default 5e-5)")
+    group.add_argument(
+        "--radius-error", metavar="X", type=float, dest="radius", help="mean radius, relative (default 0)"
+    )
+    group.add_argument(
+        "--ratio-error", metavar="X", type=float, dest="ratio", help="ratio right/left, relative (default 0.01)"
+    )
+    group.add_argument("--wheel-base-error", metavar="X", type=float, dest="wheel_base", help="relative (default 0.01)")
+    group.add_argument(
+        "--travel-noise", metavar="M", type=float, dest="travel_noise_m", help="m after 1 m (default 5e-5)"
+    )
     group.add_argument("--tick-noise", metavar="X", type=float, help="reading noise, ticks (default 0.3)")
     group.add_argument("--turn-slip", metavar="X", type=float, help="share of the way, at 1 rad/s (default 0)")
 
@@ -133,29 +140,9 @@ def _truth_beside(bag: Path, recording: "SimulatedRecording") -> Iterator[None]:
         write_files_beside(bag, recording)
 
 
-CAMERA = (
-    ("fps", "fps"),
-    ("read_noise", "read_noise"),
-    ("shot_noise", "shot_noise"),
-    ("response_gamma", "response_gamma"),
-    ("vignette", "vignette"),
-    ("distortion", "distortion"),
-    ("blur_px", "blur_px"),
-    ("jpeg_quality", "jpeg_quality"),
-)
-WHEELS = (
-    ("radius", "radius_error"),
-    ("ratio", "ratio_error"),
-    ("wheel_base", "wheel_base_error"),
-    ("travel_noise_m", "travel_noise"),
-    ("tick_noise", "tick_noise"),
-    ("turn_slip", "turn_slip"),
-)
-
-
-def _given(options: argparse.Namespace, names: Sequence[Tuple[str, str]]) -> Dict[str, Any]:
-    """Settings that the user has given, by the names of their attributes."""
-    values = {attribute: getattr(options, name) for attribute, name in names}
+def _given(options: argparse.Namespace, kind: type) -> Dict[str, Any]:
+    """Attributes of a class of settings that the user has given."""
+    values = {field.name: getattr(options, field.name, None) for field in fields(kind)}
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if v is not None}
 
 
@@ -167,8 +154,8 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
     from ceiling_dso_ros.simulation.robot import WheelErrors
 
     width, height = parse_image_size(options.size, "--size")
-    camera = {"width": width, "height": height, **_given(options, CAMERA)}
-    wheels = _given(options, WHEELS)
+    camera = {"width": width, "height": height, **_given(options, CameraModel)}
+    wheels = _given(options, WheelErrors)
     settings: Dict[str, Any] = {
         "duration_s": options.duration,
         "events": tuple(options.event),

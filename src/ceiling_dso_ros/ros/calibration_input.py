@@ -87,14 +87,9 @@ class CalibrationInput:
                 **self._fields, rectified=self._rectified, image_size=self._image_size, source=topic
             )
             if self._newest is not None and read.image_size != self._image_size == self._newest.image_size:
-                raise InputError(
-                    f"{topic}: it is for images of {_size_text(read.image_size)}, not {_size_text(self._image_size)}"
-                )
+                sizes = "{}x{}, not {}x{}".format(*read.image_size, *self._image_size)
+                raise InputError(f"{topic}: it is for images of {sizes}")
             self._newest, self.complaint = read, ""
         except InputError as error:
             self.complaint = one_line(f"ignored: {error}")
             rospy.logwarn_throttle(WARNING_PERIOD_S, self.complaint)
-
-
-def _size_text(size: Tuple[int, int]) -> str:
-    return "x".join(map(str, size))

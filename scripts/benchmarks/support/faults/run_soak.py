@@ -34,9 +34,9 @@ INJECTED = (
 )
 CALM_S = 20.0  # before the end of a minute the faults are long over
 LISTENER = Path(__file__).with_name("pose_listener.py")
-BEFORE_S, AFTER_S = 10.0, 1.0  # saving; the listener needs some of that to connect
-CONNECTED_S = 5.0
-LONGEST_END_S = 60.0
+BEFORE_S, AFTER_S = 10.0, 1.0  # saving
+CONNECTED_S = 5.0  # of the time before; the listener needs the rest to connect
+GIVES_UP_S = 60.0  # roslaunch has killed its nodes long before
 
 
 @dataclass
@@ -68,9 +68,9 @@ class End:
 
     Attributes:
         save_s: how long fusion_node took to save its trajectories while it went on.
-        usual_gap_ms: longest time between two of its outputs in as much time before.
+        usual_gap_ms: longest time between two of its outputs in the seconds before.
         save_gap_ms: the same while it saved.
-        interrupt_s: from SIGINT to roslaunch until all nodes had ended; infinite if one had to be killed.
+        interrupt_s: from SIGINT to roslaunch until it had ended; infinite if it did not.
         poses: lines of the files that were left then, by name.
     """
 
@@ -129,11 +129,11 @@ def _saved(live: Live, folder: Path, log: TextIO) -> Tuple[float, float, float]:
 
 
 def _interrupted_s(launched: subprocess.Popen) -> float:
-    """Seconds from SIGINT to the end of roslaunch; infinite if that kills nodes, or does not end."""
+    """Seconds from SIGINT to the end of roslaunch; infinite if it does not end."""
     start_s = time.monotonic()
     launched.send_signal(signal.SIGINT)
     try:
-        launched.wait(LONGEST_END_S)
+        launched.wait(GIVES_UP_S)
     except subprocess.TimeoutExpired:
         return np.inf
     return time.monotonic() - start_s
