@@ -32,14 +32,15 @@ def realsense_topics(path: Path, topics: TopicNames) -> Optional[TopicNames]:
 
     Args:
         path: of a bag.
-        topics: as asked for; only if the image topic is not in the bag, the left infrared images are taken.
+        topics: as asked for; instead of the default images, the left infrared ones are taken.
 
     Raises:
         InputError: the bag cannot be read.
     """
     with open_bag(path) as reader:
         known = {connection.topic for connection in reader.connections}
-    found = [topics.image] if topics.image in known else sorted(filter(LEFT_IMAGES.fullmatch, known))
+    is_default = topics.image == TopicNames.image and topics.image not in known
+    found = sorted(filter(LEFT_IMAGES.fullmatch, known)) if is_default else [topics.image]
     match = IMAGES.fullmatch(found[0]) if found else None
     if match is None:
         return None
