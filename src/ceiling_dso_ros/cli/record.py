@@ -79,12 +79,12 @@ def execute(options: argparse.Namespace) -> None:
         raise InputError(f"--duration {options.duration:g}: 0 or more")
     require_output_file(options.out)
     inbox = _Inbox()
-    with closing(RosTopics(options.topics, inbox.put)) as topics, closing(CameraProcess(settings, inbox.put)) as camera:
+    with closing(CameraProcess(settings, inbox.put)) as camera:
         camera.start()
         first = _await_camera(inbox)
-        topics.require_running()
-        print(f"recording {first.camera}; end with Ctrl-C")
-        _Recorder(options, inbox).record(first)
+        with closing(RosTopics(options.topics, inbox.put)):
+            print(f"recording {first.camera}; end with Ctrl-C")
+            _Recorder(options, inbox).record(first)
 
 
 def _settings(options: argparse.Namespace) -> "CameraSettings":

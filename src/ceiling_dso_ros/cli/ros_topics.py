@@ -26,7 +26,7 @@ class RosTopics:
         handle: is given each message.
 
     Raises:
-        InputError: there is no ROS, from the constructor.
+        InputError: there is no ROS or no master, from the constructor.
     """
 
     def __init__(self, topics: Sequence[str], handle: "Callable[[SerializedMessage], None]") -> None:
@@ -43,12 +43,12 @@ class RosTopics:
             command, pass_fds=[theirs.fileno()], env=environment, start_new_session=True, stdin=subprocess.DEVNULL
         )
         theirs.close()
+        try:
+            self._ours.recv()  # it has found ROS
+        except EOFError:
+            self.close()
+            raise InputError("--topic: no ROS master answers; start roscore, or set ROS_MASTER_URI") from None
         threading.Thread(target=self._listen, name="topics", daemon=True).start()
-
-    def require_running(self) -> None:
-        """Raise InputError if the process has ended, as it does without a master."""
-        if self._process is not None and self._process.poll() is not None:
-            raise InputError("--topic: no ROS master answers; start roscore, or set ROS_MASTER_URI")
 
     def close(self) -> None:
         """End it."""

@@ -102,9 +102,10 @@ class BagWriter(MessageWriter):
         try:
             connection = self._connections.get(message.topic)
             if connection is None:
+                package, name = message.message_type.split("/")
                 connection = self._writer.add_connection(
                     message.topic,
-                    message.message_type,
+                    f"{package}/msg/{name}",
                     msgdef=message.definition,
                     md5sum=message.md5sum,
                     latching=1 if message.latched else None,

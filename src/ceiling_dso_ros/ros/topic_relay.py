@@ -46,12 +46,14 @@ class TopicRelay:
 
 
 def main() -> int:
-    """Relay the topics that are named after the connection's descriptor; without a master the exit code is 2."""
+    """Relay the topics that are named after the connection's descriptor; returns the exit code."""
     descriptor, *topics = sys.argv[1:]
     if not rosgraph.is_master_online():
         return 2
     rospy.init_node("ceiling_dso_record", anonymous=True, disable_signals=True)
-    TopicRelay(Connection(int(descriptor)), topics).wait()
+    connection = Connection(int(descriptor))
+    connection.send(None)  # ROS is there
+    TopicRelay(connection, topics).wait()
     return 0
 
 
