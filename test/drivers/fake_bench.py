@@ -33,7 +33,7 @@ class FakeBench:
 
     def __init__(self, folder):
         self.folder = folder
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         self._cameras = {}
         self._write()
 

@@ -142,7 +142,7 @@ class RealsenseStream:
         left = frames.get_infrared_frame(LEFT)
         if not left:
             return None
-        known = _metadata(left)
+        known = metadata_of(left)
         others = [frames.get_infrared_frame(RIGHT)] if self.camera.right is not None else []
         if not all(others):  # a right image alone is missing: dropped as a pair
             return None
@@ -211,7 +211,7 @@ def _has_metadata(device: rs.device) -> Optional[bool]:
 METADATA = ("frame_counter", "frame_timestamp", "sensor_timestamp", "actual_exposure", "gain_level")
 
 
-def _metadata(frame: rs.frame) -> Dict[str, int]:
+def metadata_of(frame: rs.frame) -> Dict[str, int]:
     """What there is of it."""
     kinds = {name: getattr(rs.frame_metadata_value, name) for name in METADATA}
     return {name: frame.get_frame_metadata(kind) for name, kind in kinds.items() if frame.supports_frame_metadata(kind)}

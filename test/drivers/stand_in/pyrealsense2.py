@@ -97,7 +97,10 @@ class Bench:
 
     def cameras(self) -> Dict[str, Camera]:
         path = FOLDER / "devices.json"
-        changed_ns = path.stat().st_mtime_ns
+        try:
+            changed_ns = path.stat().st_mtime_ns
+        except FileNotFoundError:  # nothing was plugged in yet
+            return {}
         if changed_ns != self._read_ns:
             self._cameras = {each["serial"]: Camera(**each) for each in json.loads(path.read_text())}
             self._read_ns = changed_ns
