@@ -84,4 +84,4 @@ def test_silent_publishers_are_stated(world):
     world.listened.update(("exposure", "metadata"))
     for number in range(10):
         exposures.at(STAMP_NS + number)
-    assert exposures.complaint == "/exposure and /metadata comes too late or not at all: images do not wait for it"
+    assert exposures.complaint == "/exposure and /metadata come too late or not at all: images do not wait for them"

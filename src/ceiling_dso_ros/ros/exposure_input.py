@@ -34,7 +34,8 @@ class ExposureInput:
         topics = [rospy.resolve_name(topic) for topic in self._connected()]
         if not topics or not self._lookup.is_late:
             return ""
-        return f"{' and '.join(topics)} comes too late or not at all: images do not wait for it"
+        verb, them = ("comes", "it") if len(topics) == 1 else ("come", "them")
+        return f"{' and '.join(topics)} {verb} too late or not at all: images do not wait for {them}"
 
     def at(self, stamp_ns: int) -> Optional[float]:
         """Exposure in ms of the image with this stamp, which may be waited for; None when it is unknown."""
