@@ -158,6 +158,11 @@ assert known == {"frame_counter": 7, "frame_timestamp": 5_000_000, "sensor_times
 times = realsense_stream.frame_times(frame, known)
 assert (times.counter_us, times.exposure_ms, times.of_device) == (5_000_000, 8.0, True)
 assert before_readout(times) == (4000, StampSource.MIDDLE)
+camera.send(8, 5_033_000.0, 8000.0, [image, image], rs.timestamp_domain.global_time)  # the counter is there all the same
+queue.wait_for_frame(2000)
+frame = queue.wait_for_frame(2000)
+assert realsense_stream.frame_times(frame, realsense_stream.metadata_of(frame))[:2] == (5033.0, True)
+camera.send(9, 5_066_000.0, 8000.0, [image, image], rs.timestamp_domain.global_time, metadata=False)
 assert (np.array(frame.get_data()) == image).all()
 print("right")
 """

@@ -48,6 +48,9 @@ class RealsenseStream:
         try:
             config, complaints = self._of_recording() if settings.recording else self._of_camera(context)
             self.camera = self._start(config, complaints)
+        except CameraError:
+            self.close()
+            raise
         except RuntimeError as error:  # of the library, which may be about to lose the device
             self.close()
             raise CameraError(f"the camera cannot be started: {error}") from error
@@ -88,11 +91,15 @@ class RealsenseStream:
         profile = self._pipeline.start(config)
         device = profile.get_device()
         streams = {stream.stream_index(): stream for stream in profile.get_streams()}
-        left, right = streams[LEFT], streams.get(RIGHT)
+        left, right = streams.get(LEFT), streams.get(RIGHT)
+        if left is None:
+            raise CameraError("there are no left infrared images")
         video = left.as_video_stream_profile()
         mode = Mode(video.width(), video.height(), left.fps())
         self._sensor = infrared_sensor(device)
         if not self._settings.recording:
+            # Again: the pipeline has objects of its own for the sensors, and the library's time is an option of those.
+            realsense_controls.prepare(device)
             complaints = complaints + realsense_controls.meter(self._sensor, self._settings.exposure, mode)
         T_left_imu = None
         if self._settings.imu:
@@ -218,11 +225,13 @@ def metadata_of(frame: rs.frame) -> Dict[str, int]:
 
 
 def frame_times(frame: rs.frame, known: Dict[str, int]) -> FrameTimes:
-    """When a frame was taken; `known` is its metadata."""
+    """When a frame was taken, by the device's counter if it is known; `known` is the frame's metadata."""
+    readout_us = known.get("frame_timestamp")
+    of_device = frame.get_frame_timestamp_domain() == rs.timestamp_domain.hardware_clock
     return FrameTimes(
-        timestamp_ms=frame.get_timestamp(),
-        of_device=frame.get_frame_timestamp_domain() == rs.timestamp_domain.hardware_clock,
-        readout_us=known.get("frame_timestamp"),
+        timestamp_ms=frame.get_timestamp() if readout_us is None else 1e-3 * readout_us,
+        of_device=of_device or readout_us is not None,
+        readout_us=readout_us,
         middle_us=known.get("sensor_timestamp"),
         exposure_us=known.get("actual_exposure"),
     )
