@@ -162,7 +162,6 @@ camera.send(8, 5_033_000.0, 8000.0, [image, image], rs.timestamp_domain.global_t
 queue.wait_for_frame(2000)
 frame = queue.wait_for_frame(2000)
 assert realsense_stream.frame_times(frame, realsense_stream.metadata_of(frame))[:2] == (5033.0, True)
-camera.send(9, 5_066_000.0, 8000.0, [image, image], rs.timestamp_domain.global_time, metadata=False)
 assert (np.array(frame.get_data()) == image).all()
 print("right")
 """

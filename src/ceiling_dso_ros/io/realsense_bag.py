@@ -137,6 +137,8 @@ class _CameraClock:
             measured_us = (readout_us - middle_us) % COUNTER_US
             before_us = measured_us if measured_us <= 1e3 * LONGEST_MS else before_us
         plain_ns = readout_ns - 1000 * before_us
+        if middle_us is None and readout_us is not None:
+            middle_us = (readout_us - before_us) % COUNTER_US
         if middle_us is None and fields.get(DOMAIN) == HARDWARE_CLOCK:
             middle_us = plain_ns // 1000 % COUNTER_US
         if middle_us is None:
