@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The RealSense driver with simulated cameras: errors of its stamps, its share of a core, and whether it grows.
 
-Two simulated hours of stamps by each distribution of delays; realsense_node at 848x480 and 30 Hz, with a subscriber; and as
-many images as two hours have, small ones, as fast as they come.
+Two simulated hours of stamps by each distribution of delays; realsense_node at 848x480 and 30 Hz, with a subscriber;
+and as many images as two hours have, small ones, as fast as they come.
 """
 
 import argparse
@@ -135,9 +135,13 @@ def _cpu_s(pid: int) -> float:
 def main() -> int:
     """Print one table; 1 when a limit does not hold."""
     parser = argparse.ArgumentParser(prog="scripts/bench realsense", description=__doc__)
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("out/bench/realsense"), help="default %(default)s")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("out/bench/realsense"), help="default %(default)s"
+    )
     parser.add_argument("--seconds", metavar="S", type=float, default=60.0, help="of the node; default %(default)s")
-    parser.add_argument("--images", metavar="N", type=int, default=216_000, help="that may not grow; default %(default)s")
+    parser.add_argument(
+        "--images", metavar="N", type=int, default=216_000, help="that may not grow; default %(default)s"
+    )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp())

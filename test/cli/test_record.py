@@ -12,13 +12,13 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 
-from fake_bench import STAND_IN, FakeBench, exposure_ms_of, truth_of  # noqa: E402
+from fake_bench import STAND_IN, FakeBench, exposure_ms_of, truth_of
 
-from ceiling_dso_ros.cli import record  # noqa: E402
-from ceiling_dso_ros.cli.main import main  # noqa: E402
-from ceiling_dso_ros.io.bag_reader import read_messages  # noqa: E402
-from ceiling_dso_ros.io.opening import open_recording  # noqa: E402
-from ceiling_dso_ros.io.recording import TopicNames  # noqa: E402
+from ceiling_dso_ros.cli import record
+from ceiling_dso_ros.cli.main import main
+from ceiling_dso_ros.io.bag_reader import read_messages
+from ceiling_dso_ros.io.opening import open_recording
+from ceiling_dso_ros.io.recording import TopicNames
 
 SMALL = ("--size", "424x240")
 

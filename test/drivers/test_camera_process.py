@@ -221,7 +221,10 @@ def test_a_silent_camera_is_started_anew(bench, listen):
 
 @pytest.mark.parametrize(
     ("trouble", "said"),
-    [("hang", "the streaming process has said nothing for 2.5 s"), ("crash", "the streaming process has ended with code -6")],
+    [
+        ("hang", "the streaming process has said nothing for 2.5 s"),
+        ("crash", "the streaming process has ended with code -6"),
+    ],
 )
 def test_a_library_that_hangs_or_crashes_is_started_again(bench, listen, trouble, said):
     bench.plug_in()
@@ -314,7 +317,8 @@ def test_the_streaming_process_ends_with_the_one_that_started_it(bench, trouble)
         "import sys, time\n"
         "from ceiling_dso_ros.drivers.camera_process import CameraProcess\n"
         "from ceiling_dso_ros.drivers.settings import CameraSettings\n"
-        "process = CameraProcess(CameraSettings(), lambda report: print(process.pid, type(report).__name__, flush=True))\n"
+        "def tell(report): print(process.pid, type(report).__name__, flush=True)\n"
+        "process = CameraProcess(CameraSettings(), tell)\n"
         "process.start()\n"
         "time.sleep(600)\n"
     )

@@ -29,7 +29,9 @@ def test_from_the_readout_back_to_the_middle_of_the_exposure(times, expected):
     assert before_readout(times) == expected
 
 
-@pytest.mark.parametrize(("exposure_us", "exposure_ms"), [(8000, 8.0), (None, None), (0, None), (10**9, None), (-1, None)])
+@pytest.mark.parametrize(
+    ("exposure_us", "exposure_ms"), [(8000, 8.0), (None, None), (0, None), (10**9, None), (-1, None)]
+)
 def test_exposures_that_can_be_right(exposure_us, exposure_ms):
     assert FrameTimes(1.0, True, exposure_us=exposure_us).exposure_ms == exposure_ms
 

@@ -27,9 +27,10 @@ import numpy as np
 from realsense_recorder import record
 from ceiling_dso_ros.io.opening import open_recording
 drive = open_recording(sys.argv[2])
-moments = [
-    (image.stamp_ns / 1000 + 500 * image.exposure_ms, 1000 * image.exposure_ms, image.decode()) for image in drive.images()
-]
+moments = []
+for image in drive.images():
+    exposure_us = 1000 * image.exposure_ms
+    moments.append((image.stamp_ns / 1000 + exposure_us / 2, exposure_us, image.decode()))
 record(sys.argv[3], drive.calibration.lens, moments)
 """
 
@@ -153,12 +154,15 @@ image = np.arange(424 * 240, dtype=np.uint8).reshape(240, 424)
 camera.send(7, 5_000_000.0, 8000.0, [image, image])
 frame = queue.wait_for_frame(2000)
 known = realsense_stream.metadata_of(frame)
-assert known == {"frame_counter": 7, "frame_timestamp": 5_000_000, "sensor_timestamp": 4_996_000, "actual_exposure": 8000,
-                 "gain_level": 16}
+assert known == {
+    "frame_counter": 7, "frame_timestamp": 5_000_000, "sensor_timestamp": 4_996_000, "actual_exposure": 8000,
+    "gain_level": 16,
+}
 times = realsense_stream.frame_times(frame, known)
 assert (times.counter_us, times.exposure_ms, times.of_device) == (5_000_000, 8.0, True)
 assert before_readout(times) == (4000, StampSource.MIDDLE)
-camera.send(8, 5_033_000.0, 8000.0, [image, image], rs.timestamp_domain.global_time)  # the counter is there all the same
+# With the library's own time, the counter is there all the same.
+camera.send(8, 5_033_000.0, 8000.0, [image, image], rs.timestamp_domain.global_time)
 queue.wait_for_frame(2000)
 frame = queue.wait_for_frame(2000)
 assert realsense_stream.frame_times(frame, realsense_stream.metadata_of(frame))[:2] == (5033.0, True)

@@ -20,7 +20,9 @@ def captured(number, counter_us=None, ahead_ns=AHEAD_NS, delay_us=2000, exposure
     middle_us = (counter_us - EXPOSURE_US // 2) % COUNTER_US
     arrival = HostTime(1000 * (taken_us + delay_us), ahead_ns)
     timestamp_ms = 1e-3 * counter_us if of_device else 1e-6 * (ahead_ns + arrival.raw_ns)
-    return CapturedImages(IMAGES, FrameTimes(timestamp_ms, of_device, counter_us, middle_us, exposure_us), number, arrival, 16)
+    return CapturedImages(
+        IMAGES, FrameTimes(timestamp_ms, of_device, counter_us, middle_us, exposure_us), number, arrival, 16
+    )
 
 
 def stamps(stamper, reports):
@@ -50,7 +52,9 @@ def test_another_connection_counts_anew():
     stamper = ImageStamper()
     stamps(stamper, map(captured, range(1000, 1100)))
     stamper.connected()
-    later = [captured(number, (number - 1200) * PERIOD_US)._replace(number=number - 1200) for number in range(1200, 1300)]
+    later = [
+        captured(number, (number - 1200) * PERIOD_US)._replace(number=number - 1200) for number in range(1200, 1300)
+    ]
     found = stamps(stamper, later)
     assert stamper.dropped == stamper.refused == 0
     assert found[-1] == AHEAD_NS + 1000 * (1299 * PERIOD_US + 2000 - EXPOSURE_US // 2)

@@ -13,16 +13,21 @@ from ceiling_dso_ros.io.recording import TopicNames
 from ceiling_dso_ros.io.ros_messages import header, message
 
 STREAM = "/device_0/sensor_0/Infrared_1"
-WIDTH, HEIGHT, FOCAL_PX = 16, 12, 20.0
+WIDTH, HEIGHT, FOCAL_PX = 96, 80, 60.0
 PERIOD_US, EXPOSURE_US = 33_333, 8000
 COUNTER_US = 2**32
 
 
-def write(path, count=5, start_us=1_000_000, domain="Hardware Clock", known=("Actual Exposure", "Frame Timestamp", "Sensor Timestamp"), emitter=0.0, stream=STREAM, header_ns=None):  # fmt: skip
+ALL = ("Actual Exposure", "Frame Timestamp", "Sensor Timestamp")
+
+
+def write(
+    path, count=5, start_us=1_000_000, domain="Hardware Clock", known=ALL, emitter=0.0, stream=STREAM, header_ns=None
+):
     with BagWriter(path) as bag:
         option = f"{stream.rpartition('/')[0]}/option/Emitter_Enabled/value"
         bag.write(option, 1, message("std_msgs/Float32", data=emitter))
-        K = np.array([[FOCAL_PX, 0.0, 7.5], [0.0, FOCAL_PX, 5.5], [0.0, 0.0, 1.0]])
+        K = np.array([[FOCAL_PX, 0.0, 47.5], [0.0, FOCAL_PX, 39.5], [0.0, 0.0, 1.0]])
         bag.camera_info(f"{stream}/info/camera_info", 1, "0", (WIDTH, HEIGHT), K, distortion_model="Brown Conrady")
         for number in range(count):
             readout_us = (start_us + number * PERIOD_US) % COUNTER_US

@@ -85,7 +85,9 @@ def pixels(image):
 
 
 def children(pid):
-    return [int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()]
+    return [
+        int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()
+    ]
 
 
 def node_pid():
@@ -130,9 +132,7 @@ class RealsenseTest(unittest.TestCase):
         self.assertEqual((info.width, info.height, info.header.frame_id), (424, 240, "camera_up_optical_frame"))
         self.assertEqual({truth_of(pixels(image))[2] for _, image in self.heard.right}, {2})
         wait_until(lambda: len(self.heard.transforms) == 2)
-        self.assertAlmostEqual(
-            self.heard.transforms["camera_up_right_optical_frame"].transform.translation.x, 0.095
-        )
+        self.assertAlmostEqual(self.heard.transforms["camera_up_right_optical_frame"].transform.translation.x, 0.095)
 
     def test_3_unplugged_for_ten_seconds(self):
         self.bench.unplug()

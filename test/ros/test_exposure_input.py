@@ -52,7 +52,9 @@ def test_exposures_of_the_drivers_metadata(world):
     assert exposures.complaint == ""
 
 
-@pytest.mark.parametrize("text", ["{}", "[]", "no json", '{"actual_exposure": "8"}', '{"actual_exposure": -1}', "[" * 9999])
+@pytest.mark.parametrize(
+    "text", ["{}", "[]", "no json", '{"actual_exposure": "8"}', '{"actual_exposure": -1}', "[" * 9999]
+)
 def test_metadata_without_an_exposure_are_not_waited_for(world, text):
     exposures = ExposureInput()
     world.listened.add("metadata")

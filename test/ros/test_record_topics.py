@@ -68,7 +68,9 @@ def test_topics_of_any_type_are_recorded_with_the_camera(bench, in_space, enviro
     assert {tuple(each.position) for each in joints} == {(0.5, 0.25)}
     assert {raw.content().exposure_ms for raw in read_messages(bag, ["/of/this/package"])} == {5.0}
     assert f"{len(joints)} messages of /joint_states" in result.stdout
-    info = subprocess.run(in_space("devel", ["rosbag", "info", str(bag)]), env=environment, capture_output=True, text=True)
+    info = subprocess.run(
+        in_space("devel", ["rosbag", "info", str(bag)]), env=environment, capture_output=True, text=True
+    )
     assert "sensor_msgs/JointState" in info.stdout  # ROS's own tool reads it, too
 
 

@@ -34,8 +34,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "record",
         help="record a RealSense into a bag",
-        description="Record the images of a RealSense that looks up into a ROS 1 bag, with exposure times and stamps in "
-        "the middle of the exposure, until Ctrl-C. Topics of ROS, such as joint_states, are recorded with them.",
+        description="Record the images of a RealSense that looks up into a ROS 1 bag, with exposure times and stamps "
+        "in the middle of the exposure, until Ctrl-C. Topics of ROS, such as joint_states, are recorded with them.",
     )
     parser.add_argument("--out", metavar="FILE.bag", type=Path, required=True, help="output bag")
     parser.add_argument("--duration", metavar="S", type=float, default=0.0, help="seconds (default: until Ctrl-C)")
@@ -60,7 +60,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     group.add_argument("--gain-limit", metavar="N", type=int, default=0, help="largest automatic gain, 16 to 248")
     group.add_argument(
         "--metering", metavar="X", type=float, default=0.6,
-        help="automatic exposure looks at a square in the middle with this share of the height, 0 for all (default 0.6)",
+        help="side of the square that automatic exposure looks at, by the height; 0 for all (default 0.6)",
     )  # fmt: skip
     parser.set_defaults(execute=execute)
 
@@ -114,7 +114,7 @@ class _Inbox:
 
     def __init__(self) -> None:
         self.lost = 0
-        self._queue: "Queue[Union[Report, SerializedMessage]]" = Queue(MOST_WAITING)
+        self._queue: Queue[Union[Report, SerializedMessage]] = Queue(MOST_WAITING)
 
     def put(self, item: "Union[Report, SerializedMessage]") -> None:
         """Called from the threads that listen."""
@@ -211,7 +211,8 @@ class _Recorder:
         self._checked_s = now_s
         free_gb = shutil.disk_usage(self._path.resolve().parent).free / GB
         if free_gb < self._keep_free_gb:
-            warn(f"{self._path}: the recording ends: the disk has {free_gb:.2f} GB left, --keep-free {self._keep_free_gb:g}")
+            limit = f"--keep-free {self._keep_free_gb:g}"
+            warn(f"{self._path}: the recording ends: the disk has {free_gb:.2f} GB left, {limit}")
         return free_gb < self._keep_free_gb
 
     def _describe(self, feed: "CameraFeed", duration_s: float) -> str:

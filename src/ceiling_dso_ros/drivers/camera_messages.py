@@ -19,7 +19,8 @@ class CameraMessages:
 
     Args:
         writer: to write to.
-        camera_frame: optical frame of the left images; those of the right ones and of the inertial unit are named by it.
+        camera_frame: optical frame of the left images; those of the right ones and of the inertial unit are named
+            by it.
     """
 
     def __init__(self, writer: MessageWriter, camera_frame: str) -> None:

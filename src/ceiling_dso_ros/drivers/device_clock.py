@@ -2,9 +2,9 @@
 """The time on this computer's clock of what a device stamps with its own counter.
 
 An image arrives later than it was taken, by a delay that is never negative and often small. So the differences between
-the computer's clock on arrival and the device's have a lower envelope, which is a straight line: the clocks' offset, with
-their drift as its slope (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements,
-INFOCOM 1999). The shortest delay cannot be told from the offset and remains in the result.
+the computer's clock on arrival and the device's have a lower envelope, which is a straight line: the clocks' offset,
+with their drift as its slope (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay
+measurements, INFOCOM 1999). The shortest delay cannot be told from the offset and remains in the result.
 """
 
 from collections import deque
@@ -26,9 +26,9 @@ Point = Tuple[int, int]  # device's time, offset
 class DeviceClock:
     """Fits the device's clock to the computer's, from the arrivals of its images.
 
-    A reading that contradicts all others by more than LARGEST_STEP_NS is refused: the counter goes backwards, or an image
-    would have arrived before it was taken. CONFIRMATIONS of them in a row mean that the device's clock was set: the fit
-    begins anew. Late arrivals need no such care, as the lower envelope does not see them.
+    A reading that contradicts all others by more than LARGEST_STEP_NS is refused: the counter goes backwards, or an
+    image would have arrived before it was taken. CONFIRMATIONS of them in a row mean that the device's clock was set:
+    the fit begins anew. Late arrivals need no such care, as the lower envelope does not see them.
     """
 
     def __init__(self) -> None:

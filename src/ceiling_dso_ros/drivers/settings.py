@@ -46,8 +46,8 @@ class ExposureSettings:
         limit_ms: longest time that automatic exposure chooses, milliseconds; 0 for the whole time between images. At
             1.4 m/s under a ceiling 4.5 m above, 8 ms are one pixel of blur.
         gain_limit: largest gain that automatic exposure chooses, 16 to 248; 0 for the camera's own limit.
-        metering: automatic exposure looks at a square in the middle of the image, with this share of its height, so that
-            lamps at the border do not decide; 0 for the whole image.
+        metering: automatic exposure looks at a square in the middle of the image, with this share of its height, so
+            that lamps at the border do not decide; 0 for the whole image.
     """
 
     fixed_ms: float = 0.0

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The process that streams a camera, and reports to the one that started it.
 
-The library may hang or crash when a camera is unplugged or reset. So it is loaded here alone, and this process is killed
-and started again where it does not report in time.
+The library may hang or crash when a camera is unplugged or reset. So it is loaded here alone, and this process is
+killed and started again where it does not report in time.
 """
 
 import ctypes
@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from queue import Empty, SimpleQueue
@@ -144,10 +144,8 @@ def main() -> None:
     # A library that hangs with the interpreter's lock must not keep the camera for ever.
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the other process, which ends this one
-    try:
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the other process has ended
         Streaming(Connection(int(sys.argv[1]))).go_on()
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        pass  # the other process has ended
     os._exit(0)  # at once: the library's threads may not let the interpreter end
 
 

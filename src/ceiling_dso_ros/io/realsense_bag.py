@@ -50,8 +50,8 @@ def realsense_topics(path: Path, topics: TopicNames) -> Optional[TopicNames]:
 class RealsenseRecording(BagRecording):
     """A recording of one camera.
 
-    Stamps are those of the middle of the exposure, as the camera's clock tells them: it has no jumps, unlike the library's
-    time. The first one is that of the recording.
+    Stamps are those of the middle of the exposure, as the camera's clock tells them: it has no jumps, unlike the
+    library's time. The first one is that of the recording.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Exposure times that Intel's driver realsense-ros publishes: realsense2_camera/Metadata, a header and a text in JSON."""
+"""Exposure times of Intel's driver realsense-ros: realsense2_camera/Metadata has a header and a text in JSON."""
 
 import json
 from typing import Optional

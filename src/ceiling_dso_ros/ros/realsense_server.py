@@ -40,7 +40,8 @@ class RealsenseServer:
     Services:
         ~reset_device (std_srvs/Trigger): restart the camera, as if it was unplugged; takes up to half a minute.
 
-    Parameters (private, read at start): `RealsenseParameters`; cfg/Realsense.cfg has those that may change while running.
+    Parameters (private, read at start): `RealsenseParameters`; cfg/Realsense.cfg has those that may change while
+        running.
     """
 
     def __init__(self) -> None:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: N801
 """What the driver uses of pyrealsense2, for cameras that are described by a file, which may change at any time.
 
-The folder that the environment's FAKE_REALSENSE names has `devices.json`, a list with the fields of `Camera` for each camera
-that is plugged in. `options.json` in it gets all options that were set. Frame k of a camera is taken k / rate after its power
-was switched on; its first 16 pixels are k and the true time of day of the middle of its exposure, nanoseconds.
+The folder that the environment's FAKE_REALSENSE names has `devices.json`, a list with the fields of `Camera` for each
+camera that is plugged in. `options.json` in it gets all options that were set. Frame k of a camera is taken k / rate
+after its power was switched on; its first 16 pixels are k and the true time of day of the middle of its exposure,
+nanoseconds.
 """
 
 import enum
@@ -72,7 +74,9 @@ class Camera:
     port: str = "2-1"
     usb: str = "3.2"
     metadata: bool = True
-    modes: List[List[int]] = field(default_factory=lambda: [[848, 480, 30], [424, 240, 30], [424, 240, 90], [640, 480, 15]])
+    modes: List[List[int]] = field(
+        default_factory=lambda: [[848, 480, 30], [424, 240, 30], [424, 240, 90], [640, 480, 15]]
+    )
     counter_us: int = 0
     drift_ppm: float = 0.0
     step_us: int = 0
@@ -350,7 +354,9 @@ class pipeline:
         true_ns = round(1e9 * middle_s) + time.time_ns() - time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
         return Frames(
             {
-                index: Frame(self._source.image(number, true_ns, index), camera, number, readout_s, exposure_ms, arrival_s)
+                index: Frame(
+                    self._source.image(number, true_ns, index), camera, number, readout_s, exposure_ms, arrival_s
+                )
                 for index in self._streams
             }
         )

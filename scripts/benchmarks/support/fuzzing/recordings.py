@@ -100,7 +100,11 @@ def drive_messages() -> Messages:
         of_driver = message("realsense2_camera/Metadata", header=header(at_ns, "optical"), json_data=text)
         messages.write("/camera/small/metadata", at_ns, of_driver)
         messages.image(f"{VIEWER}/Infrared_1/image/data", at_ns, "0", picture(index))
-        counters = {"Frame Timestamp": 33_333 * index, "Sensor Timestamp": 33_333 * index - 4000, "Actual Exposure": 8000}
+        counters = {
+            "Frame Timestamp": 33_333 * index,
+            "Sensor Timestamp": 33_333 * index - 4000,
+            "Actual Exposure": 8000,
+        }
         for key, value in counters.items():
             entry = message("diagnostic_msgs/KeyValue", key=key, value=str(value % 2**32))
             messages.write(f"{VIEWER}/Infrared_1/image/metadata", at_ns, entry)
