@@ -128,7 +128,7 @@ class CameraProcess:
         finally:
             _exit_code(process, 0.0)
             with self._lock:
-                self._connection = None
+                self._process = self._connection = None
             ours.close()
 
     def _listen(self, connection: Connection) -> str:

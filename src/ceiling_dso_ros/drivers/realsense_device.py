@@ -62,12 +62,9 @@ def motion_profiles(device: rs.device) -> Tuple[Optional[rs.sensor], List[rs.str
     """The sensor of the inertial unit, None without one, with its fastest profiles of angular rate and acceleration."""
     for sensor in device.query_sensors():
         profiles = sensor.get_stream_profiles()
-        fastest = [
-            max((p for p in profiles if p.stream_type() == kind), key=lambda profile: profile.fps(), default=None)
-            for kind in (rs.stream.gyro, rs.stream.accel)
-        ]
-        if None not in fastest:
-            return sensor, [profile for profile in fastest if profile is not None]
+        of_kinds = [[p for p in profiles if p.stream_type() == kind] for kind in (rs.stream.gyro, rs.stream.accel)]
+        if all(of_kinds):
+            return sensor, [max(of_kind, key=lambda profile: profile.fps()) for of_kind in of_kinds]
     return None, []
 
 

@@ -108,8 +108,8 @@ class RealsenseRecording(BagRecording):
 
 def _nearest(recorded_ns: List[int], stamp_ns: int) -> Optional[int]:
     index = bisect_left(recorded_ns, stamp_ns - DISTANCE_NS)
-    near = [time_ns for time_ns in recorded_ns[index : index + 3] if abs(time_ns - stamp_ns) <= DISTANCE_NS]
-    return min(near, key=lambda time_ns: abs(time_ns - stamp_ns), default=None)
+    near = [time_ns for time_ns in recorded_ns[index : index + 3] if time_ns <= stamp_ns + DISTANCE_NS]
+    return min(near, key=lambda time_ns: abs(time_ns - stamp_ns)) if near else None
 
 
 def _number(fields: Dict[str, str], name: str) -> Optional[int]:
@@ -130,7 +130,8 @@ class _CameraClock:
 
     def stamp_ns(self, readout_ns: int, fields: Dict[str, str]) -> int:
         """The stamp of an image that the library stamps with the start of its readout, and with these metadata."""
-        middle_us, readout_us = _number(fields, MIDDLE), _number(fields, READOUT)
+        middle_us: Optional[int] = _number(fields, MIDDLE)
+        readout_us = _number(fields, READOUT)
         exposure_ms = _exposure_ms(fields)
         before_us = round(500.0 * exposure_ms) if exposure_ms is not None else 0
         if middle_us is not None and readout_us is not None:

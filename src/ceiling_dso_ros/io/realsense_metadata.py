@@ -16,5 +16,6 @@ def exposure_in_metadata(json_data: str) -> Optional[float]:
     except (ValueError, RecursionError):
         return None
     exposure_us = fields.get("actual_exposure") if isinstance(fields, dict) else None
-    is_number = isinstance(exposure_us, (int, float)) and not isinstance(exposure_us, bool)
-    return 1e-3 * exposure_us if is_number and 0.0 < exposure_us <= 1e3 * LONGEST_MS else None
+    if not isinstance(exposure_us, (int, float)) or isinstance(exposure_us, bool):
+        return None
+    return 1e-3 * exposure_us if 0.0 < exposure_us <= 1e3 * LONGEST_MS else None

@@ -446,3 +446,7 @@ class Motion:
         # The acceleration along x is the time in seconds, modulo 100, so that its interpolation can be seen.
         x = self._tick / 200 % 100 if self._kind is stream.accel else 0.1
         return SimpleNamespace(x=x, y=0.0, z=-9.81)
+
+
+# As the library names them, for annotations.
+sensor, stream_profile, frame = Sensor, Profile, Frame
