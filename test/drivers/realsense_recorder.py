@@ -64,15 +64,14 @@ class SoftwareCamera:
             self.sensor.on_video_frame(frame)
 
 
-def record(path, lens, moments, rate_hz=30, pause_s=0.002):
+def record(path, lens, moments, rate_hz):
     """Write a recording.
 
     Args:
         path: of the bag.
         lens: pinhole.
         moments: (readout in microseconds, exposure in microseconds, image) of each.
-        rate_hz: of the stream.
-        pause_s: between the images, so that the recorder keeps up.
+        rate_hz: of the stream; the images are delivered at this rate.
     """
     camera = SoftwareCamera(lens, rate_hz)
     recorder = rs.recorder(str(path), camera.device)
@@ -82,7 +81,7 @@ def record(path, lens, moments, rate_hz=30, pause_s=0.002):
     sensor.start(queue)
     for number, (readout_us, exposure_us, image) in enumerate(moments):
         camera.send(number, readout_us, exposure_us, [image])
-        time.sleep(pause_s)
+        time.sleep(1.0 / rate_hz)
     time.sleep(0.5)
     sensor.stop()
     sensor.close()

@@ -145,7 +145,7 @@ class _CameraClock:
         if middle_us is None:
             return plain_ns
         if self._last is None:
-            stamp_ns = plain_ns
+            stamp_ns = 1000 * round(plain_ns / 1000)  # as the camera counts; the rest is rounding of the library
         else:
             last_us, last_ns = self._last
             step_us = (middle_us - last_us + COUNTER_US // 2) % COUNTER_US - COUNTER_US // 2
