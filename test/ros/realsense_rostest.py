@@ -90,6 +90,10 @@ def children(pid):
     ]
 
 
+def rosnode_names():
+    return {name for names in rosgraph.Master("/test").getSystemState() for _, nodes in names for name in nodes}
+
+
 def node_pid():
     uri = rosgraph.Master("/test").lookupNode(NODE)
     return xmlrpc.client.ServerProxy(uri).getPid("/test")[2]
@@ -101,6 +105,7 @@ class RealsenseTest(unittest.TestCase):
         rospy.init_node("realsense_test")
         cls.bench = FakeBench(Path(os.environ["FAKE_REALSENSE"]))
         cls.heard = Listener()
+        wait_until(lambda: NODE in rosnode_names(), "the node does not begin")
         cls.pid = node_pid()
 
     @classmethod

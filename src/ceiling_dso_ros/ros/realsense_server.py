@@ -23,6 +23,7 @@ from ceiling_dso_ros.ros.services import offer_trigger
 from ceiling_dso_ros.ros.topic_writer import TopicWriter
 
 WARNING_PERIOD_S = 10.0
+NOTHING_SAID = ("", -math.inf)  # why there are no images, and when it was logged
 
 
 class RealsenseServer:
@@ -55,7 +56,7 @@ class RealsenseServer:
         self._exposure = self._settings.exposure
         self._images = diagnostics.Stream(own.silence)
         self._feed = CameraFeed(TopicWriter(), own.camera_frame.lstrip("/"))
-        self._said: Tuple[str, float] = ("", -math.inf)
+        self._said = NOTHING_SAID
         self._complaints: Tuple[str, ...] = ()
         self._process = CameraProcess(self._settings, self._take_safely)
         self._reconfigure_server = ReconfigureServer(RealsenseConfig, self._reconfigure)
@@ -86,6 +87,7 @@ class RealsenseServer:
             rospy.loginfo("images are stamped with %s", self._feed.stamper.source.value)
         if isinstance(report, Connected):
             rospy.loginfo("streaming %s", report.camera)
+            self._said = NOTHING_SAID
             for complaint in report.camera.complaints:
                 if complaint not in self._complaints:  # it is said once, however often the camera comes back
                     rospy.logwarn(one_line(complaint))
