@@ -70,6 +70,7 @@ def test_a_camera_is_recorded_in_the_packages_own_form(bench, tmp_path, capsys):
     assert dropped >= missing  # images of the first second, which are not written, may be missing as well
 
 
+@pytest.mark.long
 def test_a_camera_that_is_away_meanwhile(bench, tmp_path, capsys):
     bench.plug_in()
     bag = tmp_path / "drive.bag"

@@ -209,6 +209,7 @@ def test_a_camera_that_is_gone_for_a_moment_only(bench, listen):
     require_stamps_grow(listener.images)
 
 
+@pytest.mark.long
 def test_a_silent_camera_is_started_anew(bench, listen):
     bench.plug_in()
     listener, _ = listen()
@@ -221,6 +222,7 @@ def test_a_silent_camera_is_started_anew(bench, listen):
     assert len(listener.connections) >= 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("trouble", "said"),
     [

@@ -51,6 +51,7 @@ DELAYS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift_ppm", [-50.0, 50.0])
 @pytest.mark.parametrize("delay", DELAYS)
 def test_two_hours_with_drift_and_wrap_arounds(delay, drift_ppm):

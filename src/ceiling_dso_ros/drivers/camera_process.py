@@ -12,13 +12,13 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Callable, Optional, Sequence
 
-from ceiling_dso_ros.drivers.reports import Command, Expose, Report, ResetDevice, Waiting
+from ceiling_dso_ros.drivers.reports import CapturedImages, Command, Expose, Report, ResetDevice, Waiting
 from ceiling_dso_ros.drivers.settings import CameraSettings, ExposureSettings
 
 FIRST_PATIENCE_S = 20.0  # the library is loaded
 PATIENCE_S = 2.5  # as long as reports with images come
 END_PATIENCE_S = 1.0
-LONGEST_PAUSE_S = 5.0  # before the process is started once more, if it ends again and again
+LONGEST_PAUSE_S = 5.0  # before the process is started once more, if it ends again and again without an image
 
 STREAM = (sys.executable, "-m", "ceiling_dso_ros.drivers.streaming")
 
@@ -45,7 +45,7 @@ class CameraProcess:
         self._lock = threading.Lock()  # of the connection, for those who send
         self._connection: Optional[Connection] = None
         self._process: Optional[subprocess.Popen] = None
-        self._closed = threading.Event()
+        self._closed, self._has_streamed = threading.Event(), False
         self._thread = threading.Thread(target=self._go_on, name="camera", daemon=True)
 
     def start(self) -> None:
@@ -90,15 +90,14 @@ class CameraProcess:
     def _go_on(self) -> None:
         pause_s = 0.0
         while not self._closed.is_set():
-            start_s = time.monotonic()
+            self._has_streamed = False
             try:
                 reason = self._run()
             except OSError as error:  # the computer has no memory or no descriptors left
                 reason = f"the streaming process cannot be started: {error}"
             if self._closed.is_set():
                 return
-            lasted = time.monotonic() - start_s > LONGEST_PAUSE_S
-            pause_s = 0.0 if lasted else min(LONGEST_PAUSE_S, 2.0 * pause_s + 0.1)
+            pause_s = 0.0 if self._has_streamed else min(LONGEST_PAUSE_S, 2.0 * pause_s + 0.1)
             self._handle(Waiting(f"{reason}; it is started again", FIRST_PATIENCE_S))
             self._sleep(pause_s)
 
@@ -136,6 +135,7 @@ class CameraProcess:
         patience_s = FIRST_PATIENCE_S
         while connection.poll(patience_s):
             report = connection.recv()
+            self._has_streamed = self._has_streamed or isinstance(report, CapturedImages)
             patience_s = report.patience_s if isinstance(report, Waiting) else PATIENCE_S
             self._handle(report)
         return f"the streaming process has said nothing for {patience_s:g} s"

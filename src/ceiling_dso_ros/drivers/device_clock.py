@@ -15,7 +15,7 @@ from ceiling_dso_ros.drivers.image_times import COUNTER_US
 WINDOW_NS = 60 * 10**9  # of the readings that count
 BIN_NS = 500_000_000  # of each of these periods, the reading with the shortest delay counts
 SETTLED_NS = 10**9  # with readings of a shorter time, the shortest delay may still be far from the usual shortest
-SHORTEST_SPAN_NS = 3 * 10**9  # of the readings that determine a drift
+SHORTEST_SPAN_NS = 6 * 10**9  # of the readings that determine a drift; 50 ppm are 0.3 ms until then
 LARGEST_DRIFT = 1.5e-4  # of two quartz oscillators
 LARGEST_STEP_NS = 5_000_000  # of the offset; a larger one is an error of a single reading, or must be confirmed
 CONFIRMATIONS = 10  # readings in a row that say the same
