@@ -52,9 +52,9 @@ class FakeBench:
         self._cameras[serial].update(fields)
         self._write()
 
-    def options(self):
+    def options(self, serial="1111"):
         """What the driver has set so far."""
-        path = self.folder / "options.json"
+        path = self.folder / f"options-{serial}.json"
         return json.loads(path.read_text()) if path.exists() else {}
 
     def _write(self):

@@ -3,9 +3,9 @@
 """What the driver uses of pyrealsense2, for cameras that are described by a file, which may change at any time.
 
 The folder that the environment's FAKE_REALSENSE names has `devices.json`, a list with the fields of `Camera` for each
-camera that is plugged in. `options.json` in it gets all options that were set. Frame k of a camera is taken k / rate
-after its power was switched on; its first 16 pixels are k and the true time of day of the middle of its exposure,
-nanoseconds.
+camera that is plugged in. `options-SERIAL.json` in it gets all options that were set. Frame k of a camera is taken
+k / rate after its power was switched on; its first 16 pixels are k and the true time of day of the middle of its
+exposure, nanoseconds.
 """
 
 import enum
@@ -199,11 +199,12 @@ class Sensor:
         self._note("region", [region.min_x, region.max_x, region.min_y, region.max_y])
 
     def _note(self, name, value):
-        path = FOLDER / "options.json"
+        path = FOLDER / f"options-{self._serial}.json"
         known = json.loads(path.read_text()) if path.exists() else {}
         known[name] = value
-        path.with_suffix(".part").write_text(json.dumps(known))
-        path.with_suffix(".part").replace(path)
+        part = path.with_suffix(f".{os.getpid()}")  # several drivers may set options of one camera
+        part.write_text(json.dumps(known))
+        part.replace(path)
 
     # Of the inertial unit.
 
