@@ -335,7 +335,7 @@ def test_a_topic_that_is_closed_without_an_end_is_an_error(fusion, monkeypatch):
 
 
 def test_a_silent_publisher_of_exposures_is_stated(camera, monkeypatch):
-    monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.EXPOSURE_TIMEOUT_S", 1e-3)
+    monkeypatch.setattr("ceiling_dso_ros.ros.exposure_input.TIMEOUT_S", 1e-3)
     camera.calibrate()
     camera.world.listened.add("exposure")
     for _ in range(10):

@@ -20,6 +20,8 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration, read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.image_decoding import decode_compressed, decode_image
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
+from ceiling_dso_ros.io.realsense_metadata import TYPE as METADATA
+from ceiling_dso_ros.io.realsense_metadata import exposure_in_metadata
 from ceiling_dso_ros.io.recording import (
     ImageTimes,
     ListedImage,
@@ -36,6 +38,7 @@ from ceiling_dso_ros.io.warning_log import ignore_warning
 
 TF = "tf2_msgs/msg/TFMessage"
 TIMED_IMAGES = 20
+Moment = Tuple[int, Optional[float]]  # stamp in nanoseconds, exposure time in milliseconds
 
 DECODERS: Dict[str, Callable[[RosMessage], np.ndarray]] = {
     "sensor_msgs/msg/Image": lambda image: decode_image(
@@ -87,7 +90,7 @@ class BagRecording(Recording):
 
     def images(self) -> Iterator[ListedImage]:
         """See Recording."""
-        exposures_ms = self._read_exposures()
+        moment_of = self._moments()
         decode = DECODERS[self._types[self._image_topic]]
         for number, raw in enumerate(self._image_messages(), start=1):
             name = f"{self.path}, {self._image_topic}, message {number}"
@@ -96,8 +99,8 @@ class BagRecording(Recording):
             except FrameError:
                 yield ListedImage(None, None, name, raw.content)
                 continue
-            stamp_ns = header_stamp_ns(image.header)
-            yield ListedImage(stamp_ns, exposures_ms.get(stamp_ns), name, partial(decode, image))
+            stamp_ns, exposure_ms = moment_of(raw, image)
+            yield ListedImage(stamp_ns, exposure_ms, name, partial(decode, image))
 
     def image_times(self) -> Optional[ImageTimes]:
         """See Recording; of a number of images, because all of them would take long to read."""
@@ -208,11 +211,27 @@ class BagRecording(Recording):
             source=f"{self.path}, {self._info_topic}",
         )
 
+    def _moments(self) -> Callable[[RawMessage, RosMessage], Moment]:
+        """What tells stamp and exposure time of a message with an image."""
+        exposures_ms = self._read_exposures()
+
+        def moment_of(_raw: RawMessage, image: RosMessage) -> Moment:
+            stamp_ns = header_stamp_ns(image.header)
+            return stamp_ns, exposures_ms.get(stamp_ns)
+
+        return moment_of
+
     def _read_exposures(self) -> Dict[int, float]:
         """Milliseconds by the stamp of the image."""
-        topic = self._topics.exposure or self._topics.beside_image("exposure")
-        exposures = (exposure for _, _, exposure in self._contents("ceiling_dso_ros/msg/Exposure", topic))
-        return {header_stamp_ns(e.header): e.exposure_ms for e in exposures if 0 < e.exposure_ms < np.inf}
+        asked = self._topics.exposure or self._topics.beside_image("exposure")
+        # Beside the images, or asked for: what Intel's driver publishes.
+        of_driver = {t for t in (asked, self._topics.beside_image("metadata")) if self._types.get(t) == METADATA}
+        known: Dict[int, Optional[float]] = {}
+        for _, _, content in self._contents(METADATA, *of_driver):
+            known[header_stamp_ns(content.header)] = exposure_in_metadata(content.json_data)
+        for _, _, content in self._contents("ceiling_dso_ros/msg/Exposure", *({asked} - of_driver)):
+            known[header_stamp_ns(content.header)] = content.exposure_ms
+        return {stamp_ns: ms for stamp_ns, ms in known.items() if ms is not None and 0.0 < ms < np.inf}
 
     def _find_mount(self) -> np.ndarray:
         """T_base_camera (4, 4) from /tf_static, or from /tf as it first is there.

@@ -12,6 +12,9 @@ from ceiling_dso_ros.io.message_lengths import check_lengths
 from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
 
 MAGIC = b"#ROSBAG V2.0\n"
+IMAGE = "sensor_msgs/msg/Image"
+OF_REALSENSE = "/image/data"  # how the topics of images end that the RealSense library records
+DEPTH_UNIT_BYTES = 4  # that it adds to their end, though the type that it names has none
 
 
 class RawMessage(NamedTuple):
@@ -36,10 +39,25 @@ class RawMessage(NamedTuple):
             FrameError: the bytes are not those of such a message.
         """
         try:
-            check_lengths(self.data, self.message_type)
-            return TYPES.deserialize_ros1(self.data, self.message_type)
+            data = self._as_declared()
+            return TYPES.deserialize_ros1(data, self.message_type)
         except Exception as error:  # damaged bytes end in errors of any kind
             raise FrameError(f"damaged message of {len(self.data)} bytes") from error
+
+    def _as_declared(self) -> bytes:
+        """The bytes that a message of this type has.
+
+        Raises:
+            ValueError: these are others.
+        """
+        try:
+            check_lengths(self.data, self.message_type)
+        except ValueError:
+            if self.message_type != IMAGE or not self.topic.endswith(OF_REALSENSE):
+                raise
+            check_lengths(self.data[:-DEPTH_UNIT_BYTES], self.message_type)
+            return self.data[:-DEPTH_UNIT_BYTES]
+        return self.data
 
 
 @contextmanager

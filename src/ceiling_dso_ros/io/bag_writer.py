@@ -6,7 +6,7 @@ import struct
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Dict, Optional, Type, Union, cast
+from typing import BinaryIO, Dict, NamedTuple, Optional, Type, Union, cast
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer
@@ -17,6 +17,28 @@ from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.ros_messages import TYPES, RosMessage
 
 HEADER_GAP = 8  # bytes, see _lengthen_bag_header
+
+
+class SerializedMessage(NamedTuple):
+    """A message of any type, as ROS transports it.
+
+    Attributes:
+        topic: its topic.
+        stamp_ns: when it was received, nanoseconds.
+        message_type: as in "sensor_msgs/JointState".
+        definition: the text of the type.
+        md5sum: its checksum, which ROS compares.
+        data: the message.
+        latched: later subscribers get it too.
+    """
+
+    topic: str
+    stamp_ns: int
+    message_type: str
+    definition: str
+    md5sum: str
+    data: bytes
+    latched: bool
 
 
 class BagWriter(MessageWriter):
@@ -71,10 +93,31 @@ class BagWriter(MessageWriter):
                 )
                 self._connections[topic] = connection
             data = TYPES.serialize_ros1(content, content.__msgtype__)
-            with deferred_interrupt():
-                self._writer.write(connection, stamp_ns, data)
+            self._append(connection, stamp_ns, bytes(data))
         except OSError as error:
             self._abandon(error)
+
+    def write_serialized(self, message: SerializedMessage) -> None:
+        """Write a message of a type that need not be known."""
+        try:
+            connection = self._connections.get(message.topic)
+            if connection is None:
+                package, name = message.message_type.split("/")
+                connection = self._writer.add_connection(
+                    message.topic,
+                    f"{package}/msg/{name}",
+                    msgdef=message.definition,
+                    md5sum=message.md5sum,
+                    latching=1 if message.latched else None,
+                )
+                self._connections[message.topic] = connection
+            self._append(connection, message.stamp_ns, message.data)
+        except OSError as error:
+            self._abandon(error)
+
+    def _append(self, connection: Connection, stamp_ns: int, data: bytes) -> None:
+        with deferred_interrupt():
+            self._writer.write(connection, stamp_ns, data)
 
     def _abandon(self, error: OSError) -> None:
         """Remove the unfinished bag, which cannot be used without its index."""

@@ -75,11 +75,13 @@ class MessageWriter(ABC):
         K: np.ndarray,
         distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
         distortion_model: str = "plumb_bob",
+        baseline_m: float = 0.0,
     ) -> None:
-        """Write sensor_msgs/CameraInfo of one unrectified camera.
+        """Write sensor_msgs/CameraInfo.
 
         The size is (width, height), K the (3, 3) matrix of the raw image, and distortion the coefficients of
-        distortion_model: plumb_bob, rational_polynomial or equidistant.
+        distortion_model: plumb_bob, rational_polynomial or equidistant. The right camera of a rectified pair lies by
+        baseline_m along x of the left one.
         """
         K = np.asarray(K, dtype=np.float64)
         region = message("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
@@ -92,7 +94,7 @@ class MessageWriter(ABC):
             D=np.asarray(distortion, dtype=np.float64),
             K=K.reshape(9),
             R=np.eye(3).reshape(9),
-            P=np.hstack([K, np.zeros((3, 1))]).reshape(12),
+            P=np.column_stack([K, [0.0 - K[0, 0] * baseline_m, 0.0, 0.0]]).reshape(12),
             binning_x=0,
             binning_y=0,
             roi=region,

@@ -6,6 +6,7 @@ from typing import Callable, Optional, Union
 
 from ceiling_dso_ros.io.bag import BagRecording
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.realsense_bag import RealsenseRecording, realsense_topics
 from ceiling_dso_ros.io.recording import Recording, TopicNames
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
 from ceiling_dso_ros.io.warning_log import ignore_warning
@@ -19,7 +20,7 @@ def open_recording(
     rectified: bool = False,
     warn: Callable[[str], None] = ignore_warning,
 ) -> Recording:
-    """Open a folder in the TUM-mono layout or a ROS 1 bag.
+    """Open a folder in the TUM-mono layout or a ROS 1 bag, also one that realsense-viewer has recorded.
 
     Args:
         path: folder or bag.
@@ -44,4 +45,7 @@ def open_recording(
         )
     if path.is_dir():
         return TumFolderRecording(path, camera_path, robot_path)
+    of_realsense = realsense_topics(path, topics)
+    if of_realsense is not None:
+        return RealsenseRecording(path, of_realsense, camera_path, robot_path, rectified, warn)
     return BagRecording(path, topics, camera_path, robot_path, rectified, warn)

@@ -8,6 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.io import realsense_metadata
 from ceiling_dso_ros.io.limits import LARGEST_M
 from ceiling_dso_ros.io.stamps import parts_of_stamp, stamp_from_parts
 
@@ -18,6 +19,7 @@ Vector = Union[Sequence[float], np.ndarray]  # (3,)
 EXTRA_DEFINITIONS = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "ceiling_dso_ros/msg/Exposure": "std_msgs/Header header\nfloat64 exposure_ms",
+    realsense_metadata.TYPE: realsense_metadata.DEFINITION,
 }
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The server behind dso_node: live images in, visual odometry out."""
 
-import math
 import threading
 import time
 import traceback
@@ -22,14 +21,14 @@ from ceiling_dso_ros.io.errors import FrameError, InputError, one_line
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
-from ceiling_dso_ros.msg import Exposure, MotionPrediction, VisualOdometryStatus
+from ceiling_dso_ros.msg import MotionPrediction, VisualOdometryStatus
 from ceiling_dso_ros.playback.camera_spool import CameraSpool
 from ceiling_dso_ros.playback.visual_run import TrackedImage, VisualRun
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.calibration_input import CalibrationInput
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.data_clock import StampKind
-from ceiling_dso_ros.ros.exposures import ExposureLookup
+from ceiling_dso_ros.ros.exposure_input import ExposureInput
 from ceiling_dso_ros.ros.kernels import load_kernels
 from ceiling_dso_ros.ros.mailbox import Mailbox
 from ceiling_dso_ros.ros.map_publisher import MapPublisher
@@ -44,7 +43,6 @@ from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
 BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old images would wait in the socket
-EXPOSURE_TIMEOUT_S = 0.05
 CALIBRATION_TIMEOUT_S = 0.3  # the first image and its camera_info come over different connections
 WARNING_PERIOD_S = 5.0
 LEVELS = {VisualOdometryStatus.TRACKING: diagnostics.OK, VisualOdometryStatus.LOST: diagnostics.ERROR}
@@ -67,6 +65,7 @@ class DsoServer:
         image (sensor_msgs/Image, or image/compressed, sensor_msgs/CompressedImage): only the newest image is processed.
         camera_info (sensor_msgs/CameraInfo): required unless ~calibration is given.
         exposure (ceiling_dso_ros/Exposure): optional, matched to the image by stamp.
+        metadata (realsense2_camera/Metadata): optional, the exposures of Intel's driver realsense-ros.
         fusion/motion_prediction (MotionPrediction): with ~motion_prediction.
 
     Publishes:
@@ -104,7 +103,7 @@ class DsoServer:
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
         self._frame_rate = FrameRateLimit()
         self._mailbox = Mailbox()
-        self._exposures = ExposureLookup()
+        self._exposures = ExposureInput()
         self._images = diagnostics.Stream(own.silence)
         self._dropped, self._paused = 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
@@ -144,7 +143,6 @@ class DsoServer:
         if self._predictions is not None:
             add = self._predictions.add
             rospy.Subscriber("fusion/motion_prediction", MotionPrediction, add, queue_size=10, tcp_nodelay=True)
-        self._exposure_subscriber = rospy.Subscriber("exposure", Exposure, self._on_exposure, queue_size=QUEUE_SIZE)
         # Resolved first: a remapped image takes its compressed topic along.
         self._image_topic = rospy.resolve_name("image") + ("" if transport == "raw" else "/compressed")
         image_type = Image if transport == "raw" else CompressedImage
@@ -157,10 +155,6 @@ class DsoServer:
         stamp = message.header.stamp
         if not self._paused and (stamp.is_zero() or self._frame_rate.passes(stamp.to_nsec())):
             self._dropped += self._mailbox.put(message)
-
-    def _on_exposure(self, message: Exposure) -> None:
-        known = 0.0 < message.exposure_ms < math.inf
-        self._exposures.add(message.header.stamp.to_nsec(), message.exposure_ms if known else None)
 
     # Work
 
@@ -212,9 +206,7 @@ class DsoServer:
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting), None
         self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
-        timeout_s = EXPOSURE_TIMEOUT_S if self._exposure_subscriber.get_num_connections() > 0 else 0.0
-        exposure_ms = self._exposures.at(stamp_ns, timeout_s)
-        tracked = self._run.track(image, inner_ns, exposure_ms, self._prediction(stamp_ns))
+        tracked = self._run.track(image, inner_ns, self._exposures.at(stamp_ns), self._prediction(stamp_ns))
         if tracked.status.state is TrackingState.TRACKING:
             self._last_tracked_ns = stamp_ns
         if self._keeper.spool is not None:
@@ -325,9 +317,8 @@ class DsoServer:
             report.mergeSummary(diagnostics.WARN, self._calibrations.complaint)
         if self._keeper.complaint:
             report.mergeSummary(diagnostics.WARN, self._keeper.complaint)
-        if self._exposures.is_late and self._exposure_subscriber.get_num_connections() > 0:
-            topic = rospy.resolve_name("exposure")
-            report.mergeSummary(diagnostics.WARN, f"{topic} comes too late or not at all: images do not wait for it")
+        if self._exposures.complaint:
+            report.mergeSummary(diagnostics.WARN, self._exposures.complaint)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
         report.add("processing [ms]", f"{status.processing_ms:.1f}")

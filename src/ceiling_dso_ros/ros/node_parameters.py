@@ -3,9 +3,10 @@
 
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Sequence
+from typing import Any, Sequence
 
-from ceiling_dso_ros.cfg import DsoConfig, FusionConfig
+from ceiling_dso_ros.cfg import DsoConfig, FusionConfig, RealsenseConfig
+from ceiling_dso_ros.drivers.settings import CameraSettings, ExposureSettings, Mode
 from ceiling_dso_ros.dso.config import require
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.io.errors import InputError
@@ -166,3 +167,60 @@ class SimulationParameters:
         _require_range(self, "duration", 0.0, 7200.0)
         _require_choice(self, "drive", ("sequence", "cmd_vel"))
         require(self.rate == 0.0 or 0.01 <= self.rate <= 100.0, f"rate={self.rate}: 0.01 to 100, or 0")
+
+
+@dataclass(frozen=True)
+class RealsenseParameters:
+    """Parameters of realsense_node."""
+
+    serial_no: str = ""  # of the camera; the only one that is connected by default
+    camera_size: str = "848x480"  # WIDTHxHEIGHT; the camera's nearest mode is used
+    camera_rate: int = 30  # images per second, 6 to 90
+    stereo: bool = False  # publish the right images too
+    imu: bool = False  # publish angular rates and accelerations
+    camera_frame: str = "camera_up_optical_frame"  # optical frame of the left images
+    recording: str = ""  # file of realsense-viewer or rs.recorder that is played instead of a camera, again and again
+    silence: float = 0.5  # seconds without an image after which the diagnostics report it
+    fixed_exposure_ms: float = RealsenseConfig.defaults["fixed_exposure_ms"]  # this and the rest: see cfg/Realsense.cfg
+    fixed_gain: int = RealsenseConfig.defaults["fixed_gain"]
+    exposure_limit_ms: float = RealsenseConfig.defaults["exposure_limit_ms"]
+    gain_limit: int = RealsenseConfig.defaults["gain_limit"]
+    metering: float = RealsenseConfig.defaults["metering"]
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        _require_frames(self, "camera_frame")
+        _require_range(self, "silence", *SILENCE_S)
+        _require_configurable(self, RealsenseConfig)
+        try:
+            camera_settings(self).check()
+        except InputError as error:
+            require(False, str(error))
+
+
+def camera_settings(parameters: RealsenseParameters) -> CameraSettings:
+    """What realsense_node asks of the camera.
+
+    Raises:
+        InputError: the size of the images is none.
+    """
+    width, height = parse_image_size(parameters.camera_size, "camera_size")
+    return CameraSettings(
+        serial_no=parameters.serial_no.strip(),
+        mode=Mode(width, height, parameters.camera_rate),
+        stereo=parameters.stereo,
+        imu=parameters.imu,
+        exposure=exposure_settings(parameters),
+        recording=parameters.recording,
+    )
+
+
+def exposure_settings(parameters: Any) -> ExposureSettings:  # noqa: ANN401
+    """How the camera exposes, by RealsenseParameters or what dynamic_reconfigure has of them."""
+    return ExposureSettings(
+        fixed_ms=parameters.fixed_exposure_ms,
+        fixed_gain=parameters.fixed_gain,
+        limit_ms=parameters.exposure_limit_ms,
+        gain_limit=parameters.gain_limit,
+        metering=parameters.metering,
+    )

@@ -61,5 +61,6 @@ class TopicWriter(MessageWriter):
         topic = topic if topic.startswith("/tf") else topic.lstrip("/")  # within the namespace of the node
         if topic not in self._publishers:
             self._publishers[topic] = rospy.Publisher(topic, kind, queue_size=QUEUE_SIZE, latch=latched)
-        message = kind().deserialize(bytes(TYPES.serialize_ros1(content, content.__msgtype__)))
-        self._publishers[topic].publish(message)
+        publisher = self._publishers[topic]
+        if latched or publisher.get_num_connections() > 0:
+            publisher.publish(kind().deserialize(bytes(TYPES.serialize_ros1(content, content.__msgtype__))))

@@ -23,7 +23,7 @@ LATEST_NS = (2**32 - 1) * 10**9  # that a bag can hold
 
 ROBOT = "ticks_per_turn: 4096\nwheel_radius: [0.1, 0.1]\nwheel_base: 0.5\n"  # its camera's pose is that of tf
 TRAJECTORIES = {"camera": "/visual_odometry/pose", "wheel": "/odom", "fused": "/odometry/filtered"}
-IMAGES = ("/camera/up/image_raw", "/camera/small/image_raw")
+IMAGES = ("/camera/up/image_raw", "/camera/small/image_raw", "/device_0/sensor_0/Infrared_1/image/data")
 COMPRESSIONS = (None, None, Writer.CompressionFormat.BZ2, Writer.CompressionFormat.LZ4)
 
 # Topic, stamp_ns of the record, type and bytes of a message.
@@ -100,7 +100,7 @@ def _reading(random: Random, path: Path, write: Callable[[], object], shown: obj
     """Write a bag, and read all that is read of bags, each whatever becomes of the others."""
     topics = TopicNames(
         image=random.choice(IMAGES), wheel_input=random.choice(("", "", "ticks", "joint_states", "odometry")),
-        camera_info="/camera/up/camera_info", exposure="/camera/up/exposure",
+        camera_info="/camera/up/camera_info",
     )  # fmt: skip
     rectified = not random.randrange(4)
     said: List[str] = []

@@ -12,7 +12,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.io.message_writer import MessageWriter
 from ceiling_dso_ros.io.recording import Frame, Recording
-from ceiling_dso_ros.io.ros_messages import RosMessage
+from ceiling_dso_ros.io.ros_messages import RosMessage, header, message
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.playback.camera_spool import CameraSpool
 from ceiling_dso_ros.playback.fusion_spool import FusionSpool
@@ -22,6 +22,7 @@ WIDTH, HEIGHT, IMAGES = 96, 80, 3
 START_NS, PERIOD_NS = 1_700_000_001_030_042_017, 33_333_333
 SPOOLED = 60  # images of a spool
 UP = np.eye(4)
+VIEWER = "/device_0/sensor_0"  # of a recording of realsense-viewer
 
 
 def stamp_ns(index: float) -> int:
@@ -81,10 +82,11 @@ class Messages(MessageWriter):
 
 
 def drive_messages() -> Messages:
-    """Images, raw and compressed, camera_info, exposures, wheels of every kind, poses and transforms."""
+    """Images, raw, compressed and of realsense-viewer, camera_info, exposures, wheels, poses and transforms."""
     messages = Messages()
     K = np.array([[60.0, 0, 47.5], [0, 61.0, 39.5], [0, 0, 1]])
     messages.tf_static(stamp_ns(0), [("base_link", "mount", UP), ("mount", "optical", UP)])
+    messages.write(f"{VIEWER}/option/Emitter_Enabled/value", stamp_ns(0), message("std_msgs/Float32", data=0.0))
     for index in range(IMAGES):
         at_ns = stamp_ns(index)
         messages.camera_info("/camera/up/camera_info", at_ns, "optical", (WIDTH, HEIGHT), K)
@@ -94,6 +96,18 @@ def drive_messages() -> Messages:
         messages.compressed_image(
             "/camera/small/image_raw/compressed", at_ns, "optical", encoded, "mono8; png compressed "
         )
+        text = f'{{"actual_exposure":{8000 + index},"gain_level":16}}'
+        of_driver = message("realsense2_camera/Metadata", header=header(at_ns, "optical"), json_data=text)
+        messages.write("/camera/small/metadata", at_ns, of_driver)
+        messages.image(f"{VIEWER}/Infrared_1/image/data", at_ns, "0", picture(index))
+        counters = {
+            "Frame Timestamp": 33_333 * index,
+            "Sensor Timestamp": 33_333 * index - 4000,
+            "Actual Exposure": 8000,
+        }
+        for key, value in counters.items():
+            entry = message("diagnostic_msgs/KeyValue", key=key, value=str(value % 2**32))
+            messages.write(f"{VIEWER}/Infrared_1/image/metadata", at_ns, entry)
     for index in range(8):
         at_ns, T = stamp_ns(index / 2), np.eye(4)
         T[0, 3] = 0.01 * index
