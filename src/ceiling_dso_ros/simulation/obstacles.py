@@ -51,6 +51,26 @@ def vehicle(start: Tuple[float, float], end: Tuple[float, float], speed_m_s: flo
     return Mover(start, end, speed_m_s, radius_m=0.4)
 
 
+WALL_M = 0.8  # that traffic keeps from the walls
+SHORTEST_WAY_M = 3.0
+SHARE_OF_PEOPLE = 0.6
+
+
+def draw_traffic(rng: np.random.Generator, size_m: Tuple[float, float], count: int) -> Tuple[Mover, ...]:
+    """People and vehicles that go through a hall of size_m around the origin, on straight ways drawn at random."""
+    half = np.array(size_m) / 2 - WALL_M
+    movers = []
+    while len(movers) < count:
+        start, end = rng.uniform(-half, half), rng.uniform(-half, half)
+        if np.hypot(*(end - start)) < SHORTEST_WAY_M:
+            continue
+        ends = tuple(start.tolist()), tuple(end.tolist())
+        is_person = rng.random() < SHARE_OF_PEOPLE
+        speed = float(rng.uniform(0.7, 1.6) if is_person else rng.uniform(0.4, 1.2))
+        movers.append((person if is_person else vehicle)(*ends, speed))
+    return tuple(movers)
+
+
 class FloorMap(NamedTuple):
     """A map of what stands: (rows, columns) bool with row 0 at the smallest y, its corner x, y, and the cells' size."""
 

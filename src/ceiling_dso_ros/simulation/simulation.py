@@ -25,7 +25,7 @@ from ceiling_dso_ros.simulation.sensors.measurements import (
     WheelReading,
     stamp_ns,
 )
-from ceiling_dso_ros.simulation.world import World, random_stream
+from ceiling_dso_ros.simulation.world import World, obstacles_of, random_stream
 
 IMU_HZ = 200.0
 RENDER_THREADS, FRAMES_AHEAD = 2, 4
@@ -101,7 +101,7 @@ class Simulation(World):
 
     def scans(self) -> Iterator[ScanReading]:
         """All sweeps of the laser scanner."""
-        scanner = LaserScanner(self.hall.obstacles, self.rng("scan"))
+        scanner = LaserScanner(obstacles_of(self.config), self.rng("scan"), self.config.laser)
         for time_s in np.arange(0.05, self.duration_s - SWEEP_S, 1.0 / SCAN_HZ):
             yield ScanReading(stamp_ns(time_s), scanner.sweep(self._motion, time_s))
 

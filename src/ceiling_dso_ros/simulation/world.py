@@ -13,6 +13,7 @@ from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.motion import BaseMotion
 from ceiling_dso_ros.simulation.events import Event, covered_light, flicker_factor, light_level
+from ceiling_dso_ros.simulation.obstacles import Obstacles, draw_traffic
 from ceiling_dso_ros.simulation.rendering import structures
 from ceiling_dso_ros.simulation.rendering.renderer import SAMPLE_TIMES, Renderer
 from ceiling_dso_ros.simulation.rendering.scene import Hall, Scene, build_scene
@@ -124,3 +125,10 @@ class World:
 def hall_of(config: SimulationConfig) -> Hall:
     """The building of a drive."""
     return _hall(config.ceiling, config.seed)
+
+
+def obstacles_of(config: SimulationConfig) -> Obstacles:
+    """What stands and moves on the floor in a drive."""
+    hall = hall_of(config)
+    traffic = draw_traffic(random_stream(config.seed, "traffic"), hall.size_m, config.traffic)
+    return replace(hall.obstacles, movers=(*hall.obstacles.movers, *traffic))

@@ -5,10 +5,11 @@ import pytest
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.obstacles import Obstacles, vehicle
 from ceiling_dso_ros.simulation.rendering.structures import room_plan
-from ceiling_dso_ros.simulation.sensors.laser import SCAN_ANGLES, SWEEP_S, LaserScanner
+from ceiling_dso_ros.simulation.sensors.laser import SWEEP_S, LaserModel, LaserScanner
 from ceiling_dso_ros.simulation.simulation import Simulation
 
 LASER_X_M = 0.28
+SCAN_ANGLES = LaserModel().angles
 
 
 class TurningOnTheSpot:

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Kernels that cut walls into short straight pieces, the landmarks, and relate poses to them.
+
+The plane is divided into small cells; a landmark is a line through the points of 2 x 2 of them. Each cell belongs to
+that one of its four windows which has most points: so a wall on the border of two cells is one landmark and not two.
+"""
+
+import math
+from typing import Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.compute.jit import kernel
+
+NOTHING = -1  # landmark of a cell without points
+SUMS = 9  # of a keyframe and a landmark: 1, g, g g, s, s s, g s, e, e g, e s
+GATE = 3.5  # standard deviations: points that are further from a line are not on it
+
+
+@kernel
+def cell_of(x: float, y: float, origin: np.ndarray, cell_m: float, rows: int, columns: int) -> int:
+    """Index of the cell at x, y; NOTHING beyond the border, of which the outermost cells are part."""
+    column, row = int(math.floor((x - origin[0]) / cell_m)), int(math.floor((y - origin[1]) / cell_m))
+    if row < 1 or column < 1 or row >= rows - 1 or column >= columns - 1:
+        return NOTHING
+    return row * columns + column
+
+
+@kernel
+def place_points(points: np.ndarray, first: np.ndarray, poses: np.ndarray, placed: np.ndarray) -> None:
+    """Points in the map.
+
+    Args:
+        points: (P, 2) of all keyframes, seen from themselves.
+        first: (K + 1,) where those of each keyframe begin.
+        poses: (K, 3).
+        placed: (P, 2), changed.
+    """
+    for k in range(len(poses)):
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(first[k], first[k + 1]):
+            placed[i, 0] = c * points[i, 0] - s * points[i, 1] + poses[k, 0]
+            placed[i, 1] = s * points[i, 0] + c * points[i, 1] + poses[k, 1]
+
+
+@kernel
+def choose_windows(placed: np.ndarray, origin: np.ndarray, cell_m: float, rows: int, columns: int) -> np.ndarray:
+    """Landmark of each cell, (rows * columns,) int32: the index of the first cell of its window, or NOTHING."""
+    counts = np.zeros(rows * columns, np.int32)
+    for i in range(len(placed)):
+        cell = cell_of(placed[i, 0], placed[i, 1], origin, cell_m, rows, columns)
+        if cell != NOTHING:
+            counts[cell] += 1
+    landmarks = np.full(rows * columns, NOTHING, np.int32)
+    for row in range(1, rows - 1):
+        for column in range(1, columns - 1):
+            cell = row * columns + column
+            if counts[cell] == 0:
+                continue
+            most = 0
+            for i in range(2):
+                for j in range(2):
+                    window = cell - i * columns - j
+                    count = counts[window] + counts[window + 1] + counts[window + columns]
+                    count += counts[window + columns + 1]
+                    if count > most:
+                        most = count
+                        landmarks[cell] = window
+    return landmarks
+
+
+@kernel
+def add_to_lines(
+    placed: np.ndarray,
+    landmarks: np.ndarray,
+    origin: np.ndarray,
+    cell_m: float,
+    rows: int,
+    columns: int,
+    lines: np.ndarray,
+    spread_m: float,
+    sums: np.ndarray,
+) -> None:
+    """Add points to the sums of their landmarks: weight, x, y, xx, xy, yy from the middle of the window.
+
+    Args:
+        placed: (P, 2) points in the map.
+        landmarks: (cells,) as `choose_windows` gives them.
+        origin, cell_m, rows, columns: of the cells.
+        lines: (cells, 6) as `fit_lines` gives them.
+        spread_m: points that are so far from their line have a quarter of the weight (Geman and McClure); inf for
+            equal weights.
+        sums: (cells, 6), changed.
+    """
+    for i in range(len(placed)):
+        cell = cell_of(placed[i, 0], placed[i, 1], origin, cell_m, rows, columns)
+        if cell == NOTHING or landmarks[cell] == NOTHING:
+            continue
+        landmark = landmarks[cell]
+        x = placed[i, 0] - origin[0] - (landmark % columns + 1) * cell_m
+        y = placed[i, 1] - origin[1] - (landmark // columns + 1) * cell_m
+        weight = 1.0
+        if spread_m < np.inf:
+            line = lines[landmark]
+            e = line[2] * (placed[i, 0] - line[0]) + line[3] * (placed[i, 1] - line[1])
+            root = spread_m * spread_m / (spread_m * spread_m + e * e)
+            weight = root * root
+        into = sums[landmark]
+        into[0] += weight
+        into[1] += weight * x
+        into[2] += weight * y
+        into[3] += weight * x * x
+        into[4] += weight * x * y
+        into[5] += weight * y * y
+
+
+@kernel
+def fit_lines(sums: np.ndarray, origin: np.ndarray, cell_m: float, columns: int, lines: np.ndarray) -> None:
+    """Lines through the points of each landmark.
+
+    Args:
+        sums: (cells, 6) as `add_to_lines` makes them.
+        origin, cell_m, columns: of the cells.
+        lines: (cells, 6), changed: x, y of the middle, normal x, y, variance across, variance along; zeros where there
+            are fewer than three points.
+    """
+    for landmark in range(len(sums)):
+        n = sums[landmark, 0]
+        if n < 3.0:
+            lines[landmark] = 0.0
+            continue
+        mx, my = sums[landmark, 1] / n, sums[landmark, 2] / n
+        a = sums[landmark, 3] / n - mx * mx
+        b = sums[landmark, 4] / n - mx * my
+        c = sums[landmark, 5] / n - my * my
+        half, difference = 0.5 * (a + c), 0.5 * (a - c)
+        root = math.sqrt(difference * difference + b * b)
+        angle = 0.5 * math.atan2(2.0 * b, a - c) + 0.5 * math.pi
+        lines[landmark, 0] = mx + origin[0] + (landmark % columns + 1) * cell_m
+        lines[landmark, 1] = my + origin[1] + (landmark // columns + 1) * cell_m
+        lines[landmark, 2], lines[landmark, 3] = math.cos(angle), math.sin(angle)
+        lines[landmark, 4], lines[landmark, 5] = max(half - root, 0.0), half + root
+
+
+@kernel
+def variances_within(
+    placed: np.ndarray,
+    landmarks: np.ndarray,
+    origin: np.ndarray,
+    cell_m: float,
+    rows: int,
+    columns: int,
+    lines: np.ndarray,
+    within_m: float,
+    found: np.ndarray,
+) -> None:
+    """Number of points of each landmark near its line, and the sum of their squared distances; found (cells, 2)."""
+    for i in range(len(placed)):
+        cell = cell_of(placed[i, 0], placed[i, 1], origin, cell_m, rows, columns)
+        if cell == NOTHING or landmarks[cell] == NOTHING:
+            continue
+        line = lines[landmarks[cell]]
+        e = line[2] * (placed[i, 0] - line[0]) + line[3] * (placed[i, 1] - line[1])
+        if abs(e) < within_m:
+            found[landmarks[cell], 0] += 1.0
+            found[landmarks[cell], 1] += e * e
+
+
+@kernel
+def sum_groups(
+    placed: np.ndarray,
+    first: np.ndarray,
+    poses: np.ndarray,
+    landmarks: np.ndarray,
+    origin: np.ndarray,
+    cell_m: float,
+    rows: int,
+    columns: int,
+    lines: np.ndarray,
+    variances: np.ndarray,
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Sums over the points that a keyframe has on a landmark.
+
+    Of each point these count: its distance e from the line, its place s along it, and the derivative g of e by the yaw
+    of its keyframe, with the weight 1 / variance.
+
+    Args:
+        placed: (P, 2) points in the map.
+        first: (K + 1,) where those of each keyframe begin.
+        poses: (K, 3).
+        landmarks: (cells,) as `choose_windows` gives them.
+        origin, cell_m, rows, columns: of the cells.
+        lines: (cells, 6) as `fit_lines` gives them.
+        variances: (cells,) across the lines, 0 for landmarks that are not used.
+
+    Returns:
+        (G, 2) int32 keyframe and landmark of each pair that has points, by increasing keyframe; (G, SUMS).
+    """
+    capacity = min(len(placed), 4096)
+    members = np.empty((capacity, 2), np.int32)
+    sums = np.zeros((capacity, SUMS))
+    slots = np.full(len(landmarks), NOTHING, np.int32)
+    used = 0
+    for k in range(len(poses)):
+        begin = used
+        for i in range(first[k], first[k + 1]):
+            x, y = placed[i, 0], placed[i, 1]
+            cell = cell_of(x, y, origin, cell_m, rows, columns)
+            if cell == NOTHING or landmarks[cell] == NOTHING:
+                continue
+            landmark = landmarks[cell]
+            variance = variances[landmark]
+            if variance == 0.0:
+                continue
+            line = lines[landmark]
+            dx, dy = x - line[0], y - line[1]
+            e = line[2] * dx + line[3] * dy
+            if e * e > GATE * GATE * variance:
+                continue
+            s = line[2] * dy - line[3] * dx
+            g = line[3] * (x - poses[k, 0]) - line[2] * (y - poses[k, 1])
+            if slots[landmark] == NOTHING:
+                if used == capacity:
+                    capacity = 2 * capacity
+                    more = np.empty((capacity, 2), np.int32)
+                    more[:used] = members
+                    members = more
+                    larger = np.zeros((capacity, SUMS))
+                    larger[:used] = sums
+                    sums = larger
+                slots[landmark] = used
+                members[used, 0], members[used, 1] = k, landmark
+                used += 1
+            w = 1.0 / variance
+            into = sums[slots[landmark]]
+            into[0] += w
+            into[1] += w * g
+            into[2] += w * g * g
+            into[3] += w * s
+            into[4] += w * s * s
+            into[5] += w * g * s
+            into[6] += w * e
+            into[7] += w * e * g
+            into[8] += w * e * s
+        for group in range(begin, used):
+            slots[members[group, 1]] = NOTHING
+    return members[:used], sums[:used]
+
+
+@kernel
+def localise(
+    points: np.ndarray,
+    landmarks: np.ndarray,
+    origin: np.ndarray,
+    cell_m: float,
+    rows: int,
+    columns: int,
+    lines: np.ndarray,
+    variances: np.ndarray,
+    start: np.ndarray,
+    prior: np.ndarray,
+    gates: np.ndarray,
+) -> Tuple[np.ndarray, np.ndarray, int]:
+    """The pose of one scan in a map of landmarks, by Gauss-Newton from a first guess, which has the information prior.
+
+    Args:
+        points: (n, 2) seen from the scan.
+        landmarks, origin, cell_m, rows, columns, lines, variances: as in `sum_groups`.
+        start: (3,) the first guess.
+        prior: (3, 3) its information.
+        gates: (iterations,) standard deviations within which points count, one after the other.
+
+    Returns:
+        (3,) pose, (3, 3) information of the points, number of the points that count.
+    """
+    pose = start.copy()
+    H = np.zeros((3, 3))
+    count = 0
+    for gate in gates:
+        H[:] = 0.0
+        b = np.zeros(3)
+        count = 0
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        for i in range(len(points)):
+            rx, ry = c * points[i, 0] - s * points[i, 1], s * points[i, 0] + c * points[i, 1]
+            x, y = rx + pose[0], ry + pose[1]
+            cell = cell_of(x, y, origin, cell_m, rows, columns)
+            if cell == NOTHING or landmarks[cell] == NOTHING:
+                continue
+            variance = variances[landmarks[cell]]
+            if variance == 0.0:
+                continue
+            line = lines[landmarks[cell]]
+            nx, ny = line[2], line[3]
+            e = nx * (x - line[0]) + ny * (y - line[1])
+            if e * e > gate * gate * variance:
+                continue
+            g = ny * rx - nx * ry
+            w = 1.0 / variance
+            count += 1
+            H[0, 0] += w * nx * nx
+            H[0, 1] += w * nx * ny
+            H[1, 1] += w * ny * ny
+            H[0, 2] += w * nx * g
+            H[1, 2] += w * ny * g
+            H[2, 2] += w * g * g
+            b[0] += w * nx * e
+            b[1] += w * ny * e
+            b[2] += w * g * e
+        H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
+        pose += np.linalg.solve(H + prior, -b - prior @ (pose - start))
+    return pose, H, count

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The points of scans, freed of the motion during the scan."""
+
+import numpy as np
+
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
+from ceiling_dso_ros.io.laser_scans import LaserScans
+from ceiling_dso_ros.lidar.poses import logmap
+from ceiling_dso_ros.lidar.scan_kernels import undistorted_points
+
+
+class ScanPoints:
+    """Makes points of base_link of each scan.
+
+    Attributes:
+        end_stamps_ns: (N,) int64 of the last rays; a little after the first where it is unknown when rays are cast.
+    """
+
+    LEAST_SWEEP_S = 0.01
+
+    def __init__(self, scans: LaserScans) -> None:
+        """Of all scans; the laser may be mounted upside down, its z and its tilt do not matter."""
+        self._scans = scans
+        self._mount = np.ascontiguousarray(scans.T_base_laser[:2][:, [0, 1, 3]])
+        sweep_s = np.maximum(scans.sweep_s, self.LEAST_SWEEP_S)
+        self.end_stamps_ns = scans.stamps_ns + np.array([nanoseconds(each) for each in sweep_s.tolist()], np.int64)
+
+    def of(self, scan: int, twist: np.ndarray) -> np.ndarray:
+        """(n, 2) points of a scan in base_link at its stamp; the twist is (3,) m/s, m/s, rad/s during the scan."""
+        points, _ = undistorted_points(self._scans.ranges_m[scan], self._scans.geometry[scan], self._mount, twist)
+        return points
+
+    def twists_over_sweeps(self, moved: np.ndarray) -> np.ndarray:
+        """(N, 3) twists of motions (N, 3) from the stamps to `end_stamps_ns`."""
+        return logmap(moved) / seconds(self.end_stamps_ns - self._scans.stamps_ns)[:, None]
