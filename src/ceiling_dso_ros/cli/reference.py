@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.io.trajectory import Trajectory
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.lidar.reference import Reference
-    from ceiling_dso_ros.lidar.wheel_motion import WheelMotions
+    from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 EPILOG = """Files beside NAME.tum: NAME.covariance.txt (of each pose), NAME.map.pgm and NAME.map.yaml (for map_server),
 NAME.map.png, NAME.trajectory.png, NAME.report.json (how sure it is), and NAME_camera.tum (poses of the upward camera)
@@ -110,7 +110,7 @@ Read = Tuple["LaserScans", Optional["WheelMotions"], Optional["np.ndarray"]]
 
 def _read_log(options: argparse.Namespace, warnings: "WarningLog") -> Read:
     from ceiling_dso_ros.io.carmen_log import read_carmen_log
-    from ceiling_dso_ros.lidar.wheel_motion import wheel_motions
+    from ceiling_dso_ros.lidar.scans.wheel_motion import wheel_motions
 
     log = read_carmen_log(options.input, warnings.add)
     return log.scans, None if options.no_wheels else wheel_motions(log.odometry, None, warnings.add), None
@@ -123,7 +123,7 @@ def _read_bag(options: argparse.Namespace, warnings: "WarningLog") -> Read:
     from ceiling_dso_ros.io.bag_contents import BagContents
     from ceiling_dso_ros.io.bag_scans import read_bag_scans
     from ceiling_dso_ros.io.recording import TopicNames
-    from ceiling_dso_ros.lidar.wheel_motion import wheel_motions
+    from ceiling_dso_ros.lidar.scans.wheel_motion import wheel_motions
 
     topics = TopicNames(**topics_of_wheels(options), **({"image": options.image_topic} if options.image_topic else {}))
     bag = BagContents(options.input)

@@ -10,8 +10,8 @@ from typing import Optional
 
 import numpy as np
 
-from ceiling_dso_ros.lidar.poses import between, logmap
-from ceiling_dso_ros.lidar.wheel_motion import WheelMotions
+from ceiling_dso_ros.lidar.scans.poses import between, logmap
+from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 STEP_M, STEP_RAD = 0.3, 0.2  # of the motions that are looked at
 FEWEST = 10

@@ -7,12 +7,12 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from ceiling_dso_ros.lidar.landmarks import KeyframePoints, place
-from ceiling_dso_ros.lidar.poses import compose
+from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, place
+from ceiling_dso_ros.lidar.scans.poses import compose
 from ceiling_dso_ros.lidar.reference import Reference
 from ceiling_dso_ros.lidar.rendering_kernels import cast_rays
-from ceiling_dso_ros.lidar.scan_points import ScanPoints
-from ceiling_dso_ros.lidar.solution import sweep_twists
+from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
+from ceiling_dso_ros.lidar.mapping.solution import sweep_twists
 
 CELL_M = 0.05
 MOST_CELLS = 2**24  # of an image: larger halls have larger cells

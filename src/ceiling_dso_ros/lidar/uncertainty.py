@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ceiling_dso_ros.lidar.joint_solution import GAUGE_INFORMATION, gauge_motions
+from ceiling_dso_ros.lidar.mapping.joint_solution import GAUGE_INFORMATION, gauge_motions
 
 CORRIDOR_RATIO = 0.03  # of the information along and across: below it, a scan tells hardly where the robot is along
 FEW_POINTS = 30  # of a scan that fit: with fewer it has hardly a pose of its own

@@ -101,7 +101,10 @@ class Simulation(World):
 
     def scans(self) -> Iterator[ScanReading]:
         """All sweeps of the laser scanner."""
-        scanner = LaserScanner(obstacles_of(self.config), self.rng("scan"), self.config.laser)
+        return self.scans_of(LaserScanner(obstacles_of(self.config), self.rng("scan"), self.config.laser))
+
+    def scans_of(self, scanner: LaserScanner) -> Iterator[ScanReading]:
+        """All sweeps of a scanner."""
         for time_s in np.arange(0.05, self.duration_s - SWEEP_S, 1.0 / SCAN_HZ):
             yield ScanReading(stamp_ns(time_s), scanner.sweep(self._motion, time_s))
 

@@ -28,22 +28,25 @@ class LaserModel:
         rays: of a scan.
         range_noise_m: standard deviation of a range.
         lost_share: share of the rays that do not come back from dark or shiny surfaces.
+        clockwise: the mirror turns clockwise, from the left to the right.
     """
 
     rays: int = 541
     range_noise_m: float = 0.01
     lost_share: float = 0.002
+    clockwise: bool = False
 
     @property
     def angles(self) -> np.ndarray:
-        """(rays,) counter-clockwise from the right, rad."""
-        return np.radians(np.linspace(-FIELD_DEG / 2, FIELD_DEG / 2, self.rays))
+        """(rays,) in the order in which they are cast, rad."""
+        first_deg = FIELD_DEG / 2 if self.clockwise else -FIELD_DEG / 2
+        return np.radians(np.linspace(first_deg, -first_deg, self.rays))
 
     @property
     def time_increment_s(self) -> float:
         """From ray to ray."""
         first, second = self.angles[:2]
-        return float(second - first) / (2 * np.pi * SCAN_HZ)
+        return float(abs(second - first)) / (2 * np.pi * SCAN_HZ)
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""

@@ -6,9 +6,9 @@ from typing import NamedTuple, Optional
 import numpy as np
 
 from ceiling_dso_ros.lidar.config import LidarConfig
-from ceiling_dso_ros.lidar.field_kernels import add_to_statistics, refresh_distributions, stamp_raster
-from ceiling_dso_ros.lidar.matching_kernels import align_points
-from ceiling_dso_ros.lidar.search_kernels import NO_PLACE, search_places
+from ceiling_dso_ros.lidar.matching.field_kernels import add_to_statistics, refresh_distributions, stamp_raster
+from ceiling_dso_ros.lidar.matching.matching_kernels import align_points
+from ceiling_dso_ros.lidar.matching.search_kernels import NO_PLACE, search_places
 
 LEVELS = 6  # of the pyramid that is searched: 32 cells of the raster at the top
 RASTER_SIGMA = 1.2  # cells of the raster

@@ -10,10 +10,10 @@ from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.config import LidarConfig
-from ceiling_dso_ros.lidar.likelihood_field import LikelihoodField, Match
-from ceiling_dso_ros.lidar.poses import transformed
-from ceiling_dso_ros.lidar.scan_points import ScanPoints
-from ceiling_dso_ros.lidar.wheel_motion import WheelMotions
+from ceiling_dso_ros.lidar.matching.likelihood_field import LikelihoodField, Match
+from ceiling_dso_ros.lidar.scans.poses import transformed
+from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
+from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 STALE_S = 1.0  # a velocity that is older tells nothing of the next motion
 LARGEST_STEP_M, LARGEST_STEP_RAD = 1.5, 0.9  # of a search without wheels

@@ -10,9 +10,9 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.lidar.config import LidarConfig
-from ceiling_dso_ros.lidar.graph import Relation
-from ceiling_dso_ros.lidar.likelihood_field import LikelihoodField
-from ceiling_dso_ros.lidar.poses import between, transformed
+from ceiling_dso_ros.lidar.mapping.graph import Relation
+from ceiling_dso_ros.lidar.matching.likelihood_field import LikelihoodField
+from ceiling_dso_ros.lidar.scans.poses import between, transformed
 
 DRIFT, DRIFT_RAD_M = 0.02, 0.004  # of the way that was driven meanwhile, and turned for each metre of it
 REACH_M, REACH_RAD = (0.5, 6.0), (0.2, 1.2)  # of a search: without a way between, and at most

@@ -5,8 +5,8 @@ import numpy as np
 
 from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.io.laser_scans import LaserScans
-from ceiling_dso_ros.lidar.poses import logmap
-from ceiling_dso_ros.lidar.scan_kernels import undistorted_points
+from ceiling_dso_ros.lidar.scans.poses import logmap
+from ceiling_dso_ros.lidar.scans.scan_kernels import undistorted_points
 
 
 class ScanPoints:

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ceiling_dso_ros.lidar.config import LidarConfig
-from ceiling_dso_ros.lidar.elimination_kernels import eliminate_landmarks
-from ceiling_dso_ros.lidar.graph import Relation
-from ceiling_dso_ros.lidar.landmarks import KeyframePoints, LandmarkMap, find_landmarks, place
-from ceiling_dso_ros.lidar.poses import wrap
+from ceiling_dso_ros.lidar.mapping.elimination_kernels import eliminate_landmarks
+from ceiling_dso_ros.lidar.mapping.graph import Relation
+from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap, find_landmarks, place
+from ceiling_dso_ros.lidar.scans.poses import wrap
 
 MOST_ITERATIONS = 15
 FAR = 9.0  # squared Mahalanobis distance at which a relation has half of its weight

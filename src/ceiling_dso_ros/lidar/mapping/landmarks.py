@@ -7,7 +7,7 @@ from typing import NamedTuple, Tuple
 import numpy as np
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.lidar.landmark_kernels import (
+from ceiling_dso_ros.lidar.mapping.landmark_kernels import (
     GATE,
     NOTHING,
     add_to_lines,

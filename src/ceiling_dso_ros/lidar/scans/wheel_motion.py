@@ -9,7 +9,7 @@ from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.io.recording import RobotDescription, WheelSamples, WheelUnit
-from ceiling_dso_ros.lidar.poses import Path, between, compose, expmap, logmap
+from ceiling_dso_ros.lidar.scans.poses import Path, between, compose, expmap, logmap
 from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
 UP = np.eye(4)  # a camera that looks up, which the model of a robot needs and nothing here uses
