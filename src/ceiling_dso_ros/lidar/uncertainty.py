@@ -20,7 +20,8 @@ def keyframe_covariances(information: np.ndarray, poses: np.ndarray) -> np.ndarr
         poses: (K, 3).
     """
     motions = gauge_motions(poses)
-    covariance = np.linalg.inv(information + GAUGE_INFORMATION * motions @ motions.T)
+    own_motions = motions @ motions.T
+    covariance = np.linalg.inv(information + GAUGE_INFORMATION * own_motions) - own_motions / GAUGE_INFORMATION
     weights = np.tile((1.0, 1.0, 0.0), len(poses))
     aligned = motions @ np.linalg.pinv(motions.T @ (weights[:, None] * motions)) @ (motions.T * weights)
     covariance = covariance - aligned @ covariance

@@ -47,8 +47,8 @@ class LoopFinder:
         for number, group in enumerate(groups):
             wanted = [
                 other
-                for other in range(len(groups))
-                if abs(other - number) > 2 and (number, other) not in self._connected
+                for other in range(number + 3, len(groups))
+                if (number, other) not in self._connected
             ]
             centre = int(group[len(group) // 2])
             candidates = [(other, self._nearest(poses, centre, groups[other])) for other in wanted]
