@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation.obstacles import Obstacles, person, vehicle
+from ceiling_dso_ros.simulation.obstacles import Obstacles, draw_traffic, person, vehicle
 from ceiling_dso_ros.simulation.rendering.structures import room_plan
 
 
@@ -36,3 +36,13 @@ def test_people_walk_back_and_forth_on_two_legs():
     apart = np.abs(np.diff(walker.centers(np.linspace(0.0, 4.0, 200)), axis=1))[:, 0]
     assert apart[:, 0].max() == pytest.approx(0.6, abs=0.01), "a step"
     np.testing.assert_allclose(apart[:, 1], 0.22)
+
+
+def test_traffic_is_drawn_by_the_seed_and_stays_in_the_hall():
+    drawn = [draw_traffic(np.random.default_rng(seed), (21.0, 15.0), 12) for seed in (0, 0, 1)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert len({mover.radius_m for mover in drawn[0]}) == 2, "people and vehicles"
+    for mover in drawn[0]:
+        places = mover.centers(np.linspace(0.0, 120.0, 500)).reshape(-1, 2)
+        assert (np.abs(places) < (10.5, 7.5)).all()
+        assert np.ptp(places, axis=0).max() > 2.0
