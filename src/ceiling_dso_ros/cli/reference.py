@@ -74,6 +74,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.io.trajectory import read_tum
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.lidar.reference import estimate_reference
+    from ceiling_dso_ros.lidar.warmup import load_kernels
 
     names = {kind: path.name for kind, path in files_beside(options.out).items()}
     require_output_file(options.out, names.values())
@@ -83,6 +84,7 @@ def execute(options: argparse.Namespace) -> None:
         raise InputError(f"{options.input}: there is no such bag or log")
     read = _read_log if is_carmen_log(options.input) else _read_bag
     scans, wheels, T_base_camera = read(options, warnings)
+    load_kernels(warn)
     reference = estimate_reference(scans, wheels, check_itself=not options.no_self_check, warn=warnings.add)
     try:
         write_each(options.out.parent, _writers(options.out, reference, wanted, T_base_camera, warnings))
