@@ -41,9 +41,7 @@ SECONDS_OF_SPEED = 120.0
 def config(number: int) -> SimulationConfig:
     """Of one drive."""
     sequence, duration_s = DRIVES[number % len(DRIVES)]
-    return SimulationConfig(
-        sequence, seed=FIRST_SEED + number, duration_s=duration_s, laser=LASER, traffic=TRAFFIC
-    )
+    return SimulationConfig(sequence, seed=FIRST_SEED + number, duration_s=duration_s, laser=LASER, traffic=TRAFFIC)
 
 
 def drives(count: int) -> Iterator[Row]:

@@ -92,9 +92,7 @@ def _estimate(scans: LaserScans, wheels: Optional[WheelMotions]) -> Tuple[Refere
     return estimate_reference(scans, wheels, check_itself=False, warn=said.append), said
 
 
-def _errors(
-    subject: str, reference: Reference, truth: np.ndarray, said: Optional[List[str]] = None
-) -> Iterator[Row]:
+def _errors(subject: str, reference: Reference, truth: np.ndarray, said: Optional[List[str]] = None) -> Iterator[Row]:
     errors = ReferenceErrors.of(reference, truth)
     yield Row(subject, "RMSE of the position, mm", [1e3 * errors.position_m], 10.0)
     yield Row(subject, "NEES / 3", [errors.nees], 2.0)

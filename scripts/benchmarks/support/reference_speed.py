@@ -44,7 +44,11 @@ def speed_rows(config: SimulationConfig) -> Iterator[Row]:
 def _memory_mb(duration_s: float) -> float:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     result = subprocess.run(
-        [sys.executable, str(Path(__file__)), str(duration_s)], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, str(Path(__file__)), str(duration_s)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return float(result.stdout)
 

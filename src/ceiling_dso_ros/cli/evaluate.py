@@ -97,7 +97,9 @@ def execute(options: argparse.Namespace) -> None:
         warnings.append(text)
         warn(text)
 
-    references = {path: read_tum(path, tell) for path in {camera_reference(options): None, base_reference(options): None}}
+    references = {
+        path: read_tum(path, tell) for path in {camera_reference(options): None, base_reference(options): None}
+    }
     estimates: Dict[str, Trajectory] = {}
     evaluations: List[TrajectoryEvaluation] = []
     left_out: Dict[str, InputError] = {}

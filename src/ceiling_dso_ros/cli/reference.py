@@ -57,7 +57,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--no-self-check", action="store_true", help="do not compare halves of the scans and the way back: faster"
     )
-    parser.add_argument("--image-topic", metavar="TOPIC", help="images of the upward camera (default /camera/up/image_raw)")
+    parser.add_argument(
+        "--image-topic", metavar="TOPIC", help="images of the upward camera (default /camera/up/image_raw)"
+    )
     add_wheel_options(parser)
     parser.set_defaults(execute=execute)
 
@@ -229,7 +231,10 @@ def _table(reference: "Reference") -> str:
     numbers: Dict[str, Any] = reference.numbers()
     sigma, loops, corridor = numbers["sigma"], numbers["loops"], numbers["corridor"]
     rows: List[Tuple[str, str]] = [
-        ("scans", f"{numbers['scans']} in {numbers['duration_s']:.1f} s, {100 * numbers['valid_rays']:.0f} % valid rays"),
+        (
+            "scans",
+            f"{numbers['scans']} in {numbers['duration_s']:.1f} s, {100 * numbers['valid_rays']:.0f} % valid rays",
+        ),
         ("way", f"{numbers['path_m']:.2f} m"),
         ("scans without a match", str(numbers["scans_without_match"])),
         ("keyframes, landmarks", f"{numbers['keyframes']}, {numbers['landmarks']}"),

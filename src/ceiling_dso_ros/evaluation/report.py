@@ -140,9 +140,7 @@ def evaluate_trajectory(
     )
 
 
-def tables(
-    evaluations: Sequence[TrajectoryEvaluation], doubtful: AbstractSet[Tuple[str, float]] = frozenset()
-) -> str:
+def tables(evaluations: Sequence[TrajectoryEvaluation], doubtful: AbstractSet[Tuple[str, float]] = frozenset()) -> str:
     """The absolute and the relative errors, one table each.
 
     Args:

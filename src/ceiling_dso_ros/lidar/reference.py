@@ -58,7 +58,9 @@ class Reference:
             shape = wheels.path
         return carried(self.path, shape, stamps_ns)
 
-    def trajectory(self, stamps_ns: Optional[np.ndarray] = None, T_base_body: Optional[np.ndarray] = None) -> Trajectory:
+    def trajectory(
+        self, stamps_ns: Optional[np.ndarray] = None, T_base_body: Optional[np.ndarray] = None
+    ) -> Trajectory:
         """Poses of base_link, or of what is mounted on it, at the stamps of the scans or at others."""
         wanted = self.path.stamps_ns if stamps_ns is None else stamps_ns
         T = matrices(self.at(wanted) if stamps_ns is not None else self.path.poses)
@@ -162,7 +164,9 @@ def _look_at_scans(scans: LaserScans, tell: Callable[[str], None]) -> None:
         tilt_deg = np.degrees(np.arcsin(min(1.0, float(np.hypot(*scans.T_base_laser[2, :2])))))
         if tilt_deg > 60.0:
             raise InputError(f"{scans.source}: the mount turns the plane of the scans by {tilt_deg:.0f} degrees")
-        tell(f"the mount tilts the plane of the scans by {tilt_deg:.1f} degrees: walls are only straight if it is level")
+        tell(
+            f"the mount tilts the plane of the scans by {tilt_deg:.1f} degrees: walls are only straight if it is level"
+        )
     if (scans.geometry[:, 2] == 0.0).all():
         tell("time_increment is 0: all rays of a scan are taken to be cast at once")
 

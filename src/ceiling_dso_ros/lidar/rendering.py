@@ -7,12 +7,11 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, place
-from ceiling_dso_ros.lidar.scans.poses import compose
+from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints
 from ceiling_dso_ros.lidar.reference import Reference
 from ceiling_dso_ros.lidar.rendering_kernels import cast_rays
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
-from ceiling_dso_ros.lidar.mapping.solution import sweep_twists
+from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_twists
 
 CELL_M = 0.05
 MOST_CELLS = 2**24  # of an image: larger halls have larger cells
@@ -67,10 +66,8 @@ def draw_map(reference: Reference) -> MapImage:
     scans, solution = reference.scans, reference.solution
     points = ScanPoints(scans)
     twists = sweep_twists(scans, points, reference.wheels, reference.path.poses, solution.track.twists)
-    keyframes = KeyframePoints.of([points.of(scan, twists[scan]) for scan in solution.keyframes.tolist()])
-    placed = place(keyframes, solution.joint.poses)
-    laser = np.array([*scans.T_base_laser[:2, 3], 0.0])
-    eyes = compose(solution.joint.poses, np.tile(laser, (len(solution.joint.poses), 1)))[:, :2]
+    keyframes = KeyframePoints.of([points.of(scan, twists[scan]) for scan in solution.keyframes.tolist()], points.laser)
+    placed, eyes = keyframes.placed(solution.joint.poses), keyframes.eyes(solution.joint.poses)
     met = np.concatenate([placed, eyes, reference.path.poses[:, :2]])
     low, high = met.min(axis=0) - MARGIN_M, met.max(axis=0) + MARGIN_M
     cell_m = CELL_M
@@ -79,7 +76,7 @@ def draw_map(reference: Reference) -> MapImage:
     origin = cell_m * np.floor(low / cell_m)
     columns, rows = (int(each) for each in np.ceil((high - origin) / cell_m))
     hits, passes = np.zeros((rows, columns), np.int32), np.zeros((rows, columns), np.int32)
-    cast_rays(placed, keyframes.first, np.ascontiguousarray(eyes), origin, cell_m, hits, passes)
+    cast_rays(placed, keyframes.first, eyes, origin, cell_m, hits, passes)
     met_by = hits + passes
     is_occupied = (hits >= FEWEST_HITS) & (hits > OCCUPIED_SHARE * met_by)
     pixels = np.where(is_occupied, OCCUPIED, np.where(met_by > 0, FREE, UNKNOWN)).astype(np.uint8)
@@ -97,7 +94,15 @@ def draw_trajectory(reference: Reference, map_image: MapImage) -> bytes:
     thickness = max(1, factor)
     for number in range(len(pixels) - 1):
         colour = VERMILION if doubtful[number] else BLUE
-        cv2.line(picture, tuple(pixels[number].tolist()), tuple(pixels[number + 1].tolist()), colour, thickness, cv2.LINE_AA, 4)
+        cv2.line(
+            picture,
+            tuple(pixels[number].tolist()),
+            tuple(pixels[number + 1].tolist()),
+            colour,
+            thickness,
+            cv2.LINE_AA,
+            4,
+        )
     start = tuple((pixels[0] // 16).tolist())
     cv2.circle(picture, start, 3 * factor, GREEN, -1, cv2.LINE_AA)
     _draw_scale(picture, factor / map_image.cell_m)

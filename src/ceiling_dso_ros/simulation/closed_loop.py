@@ -20,7 +20,7 @@ from ceiling_dso_ros.simulation.sensors.measurements import (
     WheelReading,
     stamp_ns,
 )
-from ceiling_dso_ros.simulation.world import World, obstacles_of, random_stream
+from ceiling_dso_ros.simulation.world import World, hall_of, random_stream
 
 # From the middle of an exposure, which takes 14 ms at most, to the image: then all of the exposure is past.
 IMAGE_DELAY_S = 0.01
@@ -50,10 +50,10 @@ class ClosedLoop(World):
         events = parse_events(config.events, self.duration_s)
         start = random_start(SEQUENCES[config.sequence], random_stream(config.seed, "start"))
         true = config.wheels.applied(NOMINAL)
-        self.motion = CommandedMotion(start, NOMINAL, true, events, obstacles_of(config))
+        self.motion = CommandedMotion(start, NOMINAL, true, events, hall_of(config).obstacles)
         super().__init__(config, self.motion, events)
         self._encoders = EncoderPair(true, config.wheels, self.rng("wheels"))
-        self._scanner = LaserScanner(obstacles_of(config), self.rng("scan"), config.laser)
+        self._scanner = LaserScanner(self.hall.obstacles, self.rng("scan"), config.laser)
         self._frame_rng = self.rng("frames")
         self._wheel_count, self._scan_count, self._frame_count = 0, 0, 0
         self._frame_s = self._next_frame_s()

@@ -27,7 +27,8 @@ class SimulationConfig:
         wheels: differences between the real and the nominal wheels.
         vibration: of the base.
         laser: of the scans.
-        traffic: people and vehicles that move through the hall, beside those that always do.
+        traffic: people and vehicles that move through the hall beside those that always do, for planned drives alone:
+            they keep away from the robot.
         events: texts as `events.parse_events` takes them.
         time_offset_s: delay of the image stamps: stamp minus true time.
         exposures_told: the camera tells the exposure times.

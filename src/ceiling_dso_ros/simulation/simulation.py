@@ -14,6 +14,7 @@ from ceiling_dso_ros.simulation.camera import frame_jitter_s
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES, plan
 from ceiling_dso_ros.simulation.events import is_dropped, parse_events
+from ceiling_dso_ros.simulation.obstacles import Obstacles
 from ceiling_dso_ros.simulation.sensors.encoders import WHEEL_HZ, Encoders, read_encoders
 from ceiling_dso_ros.simulation.sensors.inertial import InertialUnit
 from ceiling_dso_ros.simulation.sensors.laser import SCAN_HZ, SWEEP_S, LaserScanner
@@ -25,7 +26,7 @@ from ceiling_dso_ros.simulation.sensors.measurements import (
     WheelReading,
     stamp_ns,
 )
-from ceiling_dso_ros.simulation.world import World, obstacles_of, random_stream
+from ceiling_dso_ros.simulation.world import World, random_stream
 
 IMU_HZ = 200.0
 RENDER_THREADS, FRAMES_AHEAD = 2, 4
@@ -62,6 +63,11 @@ class Simulation(World):
         times += frame_jitter_s(rng, count)
         kept = [not is_dropped(self.events, time_s, rng) for time_s in times]
         return times[np.array(kept, dtype=bool)]
+
+    @cached_property
+    def obstacles(self) -> Obstacles:
+        """What stands and moves on the floor."""
+        return self.obstacles_around(self._motion, self.duration_s)
 
     @cached_property
     def encoders(self) -> Encoders:
@@ -101,7 +107,7 @@ class Simulation(World):
 
     def scans(self) -> Iterator[ScanReading]:
         """All sweeps of the laser scanner."""
-        return self.scans_of(LaserScanner(obstacles_of(self.config), self.rng("scan"), self.config.laser))
+        return self.scans_of(LaserScanner(self.obstacles, self.rng("scan"), self.config.laser))
 
     def scans_of(self, scanner: LaserScanner) -> Iterator[ScanReading]:
         """All sweeps of a scanner."""

@@ -20,6 +20,8 @@ from ceiling_dso_ros.simulation.rendering.scene import Hall, Scene, build_scene
 from ceiling_dso_ros.simulation.robot import NOMINAL, Robot
 from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame, stamp_ns
 
+TRAFFIC_STEP_S = 0.1
+
 
 @lru_cache(maxsize=2)
 def _hall(ceiling: str, seed: int) -> Hall:
@@ -69,6 +71,13 @@ class World:
     def hall(self) -> Hall:
         """The building."""
         return hall_of(self.config)
+
+    def obstacles_around(self, motion: BaseMotion, duration_s: float) -> Obstacles:
+        """What stands and moves on the floor; traffic keeps away from a robot that moves so for a time."""
+        hall, time_s = self.hall, np.arange(0.0, duration_s, TRAFFIC_STEP_S)
+        robot = motion.poses(time_s)[:, :2]
+        traffic = draw_traffic(self.rng("traffic"), hall.size_m, self.config.traffic, time_s, robot)
+        return replace(hall.obstacles, movers=(*hall.obstacles.movers, *traffic))
 
     @property
     def scene(self) -> Scene:
@@ -125,10 +134,3 @@ class World:
 def hall_of(config: SimulationConfig) -> Hall:
     """The building of a drive."""
     return _hall(config.ceiling, config.seed)
-
-
-def obstacles_of(config: SimulationConfig) -> Obstacles:
-    """What stands and moves on the floor in a drive."""
-    hall = hall_of(config)
-    traffic = draw_traffic(random_stream(config.seed, "traffic"), hall.size_m, config.traffic)
-    return replace(hall.obstacles, movers=(*hall.obstacles.movers, *traffic))

@@ -33,7 +33,9 @@ def chain(poses, sigma):
 
 
 def solved(rng, count=12, start_error=0.03):
-    truth = np.column_stack([rng.uniform(-2.0, 2.0, count), rng.uniform(-1.5, 1.5, count), rng.uniform(-3.0, 3.0, count)])
+    truth = np.column_stack(
+        [rng.uniform(-2.0, 2.0, count), rng.uniform(-1.5, 1.5, count), rng.uniform(-3.0, 3.0, count)]
+    )
     parts = KeyframePoints.of([scan_of_a_room(pose, rng) for pose in truth])
     start = compose(truth, start_error * rng.standard_normal((count, 3)) * (1.0, 1.0, 0.3))
     return truth, solve_jointly(parts, start, chain(truth, 1.0), LidarConfig())
@@ -94,7 +96,7 @@ def test_relations_have_the_derivatives_of_their_error():
     rng = np.random.default_rng(3)
     poses = rng.normal(size=(2, 3))
     relation = Relation(0, 1, between(poses[:1], poses[1:])[0] + (0.001, -0.002, 0.001), np.diag([0.1, 0.2, 0.3]) ** 2)
-    (_, _, information, gradient), = _relation_blocks(poses, [relation])
+    ((_, _, information, gradient),) = _relation_blocks(poses, [relation])
 
     def cost(delta):
         a, b = poses + delta.reshape(2, 3)

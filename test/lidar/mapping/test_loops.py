@@ -12,7 +12,10 @@ pytestmark = pytest.mark.long
 
 def rooms(rng):
     """Walls of a house whose rooms all differ, 16 x 8 m, as points."""
-    boxes = [(0.0, 0.0, 16.0, 8.0), *((*rng.uniform((0.5, 0.5), (13.5, 6.0)), *rng.uniform(0.3, 1.5, 2)) for _ in range(14))]
+    boxes = [
+        (0.0, 0.0, 16.0, 8.0),
+        *((*rng.uniform((0.5, 0.5), (13.5, 6.0)), *rng.uniform(0.3, 1.5, 2)) for _ in range(14)),
+    ]
     points = []
     for x, y, width, height in boxes:
         along = np.arange(0.0, 1.0, 0.02 / max(width, height) * 2)[:, None]

@@ -23,7 +23,9 @@ def room(rng, noise_m=0.01):
     """6 x 4 m with a pillar, so that no two places look alike."""
     corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0)]
     parts = [wall(a, b, 300, rng, noise_m) for a, b in zip(corners, [*corners[1:], corners[0]])]
-    return np.concatenate([*parts, wall((1.0, 0.5), (1.0, 1.0), 50, rng, noise_m), wall((1.0, 1.0), (1.6, 1.0), 60, rng, noise_m)])
+    return np.concatenate(
+        [*parts, wall((1.0, 0.5), (1.0, 1.0), 50, rng, noise_m), wall((1.0, 1.0), (1.6, 1.0), 60, rng, noise_m)]
+    )
 
 
 def field_of(points, radius_m=6.0):
@@ -96,7 +98,10 @@ def test_search_finds_a_pose_that_is_far_away():
         assert place is not None
         assert np.abs(place.pose - pose)[:2].max() < 0.08
         assert abs(place.pose[2] - pose[2]) < 0.03
-        assert field.search(transformed(room(rng), inverse(pose)), np.zeros(3), 0.8, 0.7, 0.9 * place.score, place.pose) is None
+        assert (
+            field.search(transformed(room(rng), inverse(pose)), np.zeros(3), 0.8, 0.7, 0.9 * place.score, place.pose)
+            is None
+        )
 
 
 def test_a_corridor_has_other_places_that_are_as_good():

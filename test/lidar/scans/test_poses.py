@@ -45,7 +45,9 @@ def test_a_carried_path_reaches_its_poses_and_moves_like_the_other(seed):
     moved = poses.compose(np.tile(offset, (len(coarse), 1)), shape.at(coarse))
     path = Path(coarse, moved)
     # where nothing is missing, it is the other path, moved as a whole
-    np.testing.assert_allclose(carried(path, shape, fine), poses.compose(np.tile(offset, (len(fine), 1)), shape.poses), atol=1e-9)
+    np.testing.assert_allclose(
+        carried(path, shape, fine), poses.compose(np.tile(offset, (len(fine), 1)), shape.poses), atol=1e-9
+    )
     wrong = Path(coarse, poses.compose(moved, 0.05 * rng.standard_normal((len(coarse), 3))))
     np.testing.assert_allclose(carried(wrong, shape, coarse), wrong.poses, atol=1e-9)
     steps = np.diff(carried(wrong, shape, fine)[:, :2], axis=0)

@@ -24,9 +24,7 @@ def test_dead_reckoning_is_the_motion():
     times_s = np.array([2.0, 5.03, 9.51])
     stamps = np.array([stamp_ns(time_s) for time_s in times_s])
     truth = Path(stamps, recording.simulation.robot.motion.poses(times_s))
-    np.testing.assert_allclose(
-        found.between(stamps[:-1], stamps[1:]), [*map(tuple, _between(truth))], atol=0.01
-    )
+    np.testing.assert_allclose(found.between(stamps[:-1], stamps[1:]), [*map(tuple, _between(truth))], atol=0.01)
     assert said == []
     assert found.covers(stamps[:-1], stamps[1:]).all()
     assert not found.covers(stamps[:1] - 10**11, stamps[:1])[0]

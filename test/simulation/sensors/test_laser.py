@@ -67,7 +67,9 @@ def test_a_vehicle_is_where_it_has_driven():
 
 def test_a_mirror_may_turn_clockwise_and_rays_and_noise_can_be_chosen():
     plan = room_plan(21.0, 15.0, [[3.0, 2.0, 0.5, 0.5]])
-    exact = [LaserModel(rays=271, range_noise_m=0.0, lost_share=0.0, clockwise=clockwise) for clockwise in (False, True)]
+    exact = [
+        LaserModel(rays=271, range_noise_m=0.0, lost_share=0.0, clockwise=clockwise) for clockwise in (False, True)
+    ]
     left, right = (
         LaserScanner(Obstacles(plan), np.random.default_rng(0), model).sweep(TurningOnTheSpot(0.0), 0.0)
         for model in exact
@@ -76,7 +78,9 @@ def test_a_mirror_may_turn_clockwise_and_rays_and_noise_can_be_chosen():
     assert exact[1].angles[0] > 0.0 > exact[0].angles[0]
     assert exact[0].time_increment_s == pytest.approx(exact[1].time_increment_s) == pytest.approx(SWEEP_S / 270)
     noisy = LaserModel(rays=1081, range_noise_m=0.05)
-    ranges = LaserScanner(Obstacles(room_plan(21.0, 15.0)), np.random.default_rng(0), noisy).sweep(TurningOnTheSpot(0.0), 0.0)
+    ranges = LaserScanner(Obstacles(room_plan(21.0, 15.0)), np.random.default_rng(0), noisy).sweep(
+        TurningOnTheSpot(0.0), 0.0
+    )
     truth = LaserScanner(
         Obstacles(room_plan(21.0, 15.0)), np.random.default_rng(0), LaserModel(rays=1081, range_noise_m=0.0)
     ).sweep(TurningOnTheSpot(0.0), 0.0)

@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from ceiling_dso_ros.lidar.config import LidarConfig
 from ceiling_dso_ros.lidar.mapping.elimination_kernels import eliminate_landmarks
 from ceiling_dso_ros.lidar.mapping.graph import Relation
-from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap, find_landmarks, place
+from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap, find_landmarks
 from ceiling_dso_ros.lidar.scans.poses import wrap
 
 MOST_ITERATIONS = 15
@@ -57,9 +57,8 @@ def solve_jointly(
     poses = poses.copy()
     iterations = 0
     while True:
-        placed = place(keyframes, poses)
-        landmark_map = find_landmarks(placed, config.landmark_m, SMALLEST_SIGMA_M)
-        information, gradient = _normal_equations(keyframes, placed, poses, landmark_map, relations)
+        landmark_map = find_landmarks(keyframes, poses, config.landmark_m, SMALLEST_SIGMA_M)
+        information, gradient = _normal_equations(keyframes, poses, landmark_map, relations)
         if iterations == MOST_ITERATIONS:
             break
         gauge = gauge_motions(poses)
@@ -74,14 +73,13 @@ def solve_jointly(
 
 def _normal_equations(
     keyframes: KeyframePoints,
-    placed: np.ndarray,
     poses: np.ndarray,
     landmark_map: LandmarkMap,
     relations: Sequence[Relation],
 ) -> Tuple[np.ndarray, np.ndarray]:
     size = 3 * len(poses)
     information, gradient = np.zeros((size, size)), np.zeros(size)
-    members, sums = landmark_map.sum_groups(keyframes, placed, poses)
+    members, sums = landmark_map.sum_groups(keyframes, poses)
     eliminate_landmarks(members, sums, landmark_map.lines, information, gradient)
     for first, second, own, right in _relation_blocks(poses, relations):
         rows = np.r_[3 * first : 3 * first + 3, 3 * second : 3 * second + 3]
@@ -90,9 +88,7 @@ def _normal_equations(
     return information, gradient
 
 
-def _relation_blocks(
-    poses: np.ndarray, relations: Sequence[Relation]
-) -> List[Tuple[int, int, np.ndarray, np.ndarray]]:
+def _relation_blocks(poses: np.ndarray, relations: Sequence[Relation]) -> List[Tuple[int, int, np.ndarray, np.ndarray]]:
     """First, second, (6, 6) information and (6,) gradient of each relation; outliers count less (Cauchy)."""
     blocks = []
     for relation in relations:

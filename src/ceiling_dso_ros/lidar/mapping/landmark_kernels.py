@@ -310,3 +310,64 @@ def localise(
         H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
         pose += np.linalg.solve(H + prior, -b - prior @ (pose - start))
     return pose, H, count
+
+
+@kernel
+def count_crossings(
+    placed: np.ndarray,
+    first: np.ndarray,
+    eyes: np.ndarray,
+    every: int,
+    landmarks: np.ndarray,
+    origin: np.ndarray,
+    cell_m: float,
+    rows: int,
+    columns: int,
+    lines: np.ndarray,
+    clear_m: float,
+    found: np.ndarray,
+) -> None:
+    """Count the keyframes and rays that end on each landmark, and the rays that go through it.
+
+    Args:
+        placed: (P, 2) points in the map.
+        first: (K + 1,) where those of each keyframe begin.
+        eyes: (K, 2) where their rays were cast.
+        every: one of so many rays is followed.
+        landmarks, origin, cell_m, rows, columns, lines: as in `sum_groups`.
+        clear_m: a ray goes through a line if its end is further behind it.
+        found: (cells, 3) int32 keyframes, ends and crossings, changed.
+    """
+    seen_by = np.full(len(landmarks), NOTHING, np.int32)
+    for k in range(len(eyes)):
+        for i in range(first[k], first[k + 1]):
+            x, y = placed[i, 0], placed[i, 1]
+            own = cell_of(x, y, origin, cell_m, rows, columns)
+            if own != NOTHING and landmarks[own] != NOTHING:
+                landmark = landmarks[own]
+                if seen_by[landmark] != k:
+                    seen_by[landmark] = k
+                    found[landmark, 0] += 1
+            if (i - first[k]) % every != 0:
+                continue
+            if own != NOTHING and landmarks[own] != NOTHING:
+                found[landmarks[own], 1] += 1
+            dx, dy = x - eyes[k, 0], y - eyes[k, 1]
+            steps = int(math.sqrt(dx * dx + dy * dy) / cell_m) + 1
+            last = NOTHING
+            for step in range(steps):
+                t = step / steps
+                cell = cell_of(eyes[k, 0] + t * dx, eyes[k, 1] + t * dy, origin, cell_m, rows, columns)
+                if cell == NOTHING or landmarks[cell] == NOTHING or landmarks[cell] == last:
+                    continue
+                landmark = landmarks[cell]
+                last = landmark
+                line = lines[landmark]
+                before = line[2] * (eyes[k, 0] - line[0]) + line[3] * (eyes[k, 1] - line[1])
+                behind = line[2] * (x - line[0]) + line[3] * (y - line[1])
+                if before * behind >= 0.0 or abs(behind) < clear_m:
+                    continue
+                s = before / (before - behind)
+                there = cell_of(eyes[k, 0] + s * dx, eyes[k, 1] + s * dy, origin, cell_m, rows, columns)
+                if there != NOTHING and landmarks[there] == landmark:
+                    found[landmark, 2] += 1

@@ -2,22 +2,23 @@
 """Walls as short straight lines, found from the points of all keyframes, and scans localised between them."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Tuple
+from typing import NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.lidar.mapping.landmark_kernels import (
     GATE,
-    NOTHING,
     add_to_lines,
     choose_windows,
+    count_crossings,
     fit_lines,
     localise,
     place_points,
     sum_groups,
     variances_within,
 )
+from ceiling_dso_ros.lidar.scans.poses import compose
 
 LEAST_POINTS = 6  # of a landmark
 LEAST_ALONG_M = 0.02  # standard deviation along it: the direction of a shorter one is that of its noise
@@ -27,21 +28,42 @@ ROBUST_PASSES = 2
 SHRINKAGE = 20.0  # points with the usual variance that are added to those of each landmark
 MOST_CELLS = 2**25  # of the map: 850 m x 850 m with the usual size
 MARGIN_CELLS = 4
+FOLLOWED_RAYS = 3  # one of so many
+CLEAR_M, CLEAR_SIGMAS = 0.15, 5.0  # behind a surface, a ray has gone through it
+LOOKED_THROUGH = 0.1  # share of the rays that go through what moves, or through glass
+FEWEST_KEYFRAMES = 3
 LOCALISATION_GATES = np.array([8.0, 5.0, GATE, GATE])
 
 
 @dataclass(frozen=True)
 class KeyframePoints:
-    """The points of all keyframes, (P, 2) seen from themselves, and (K + 1,) where those of each begin."""
+    """The points of all keyframes.
+
+    Attributes:
+        points: (P, 2) seen from themselves.
+        first: (K + 1,) where those of each begin.
+        laser: (2,) its place in base_link.
+    """
 
     points: np.ndarray
     first: np.ndarray
+    laser: np.ndarray
 
     @staticmethod
-    def of(parts: "list[np.ndarray]") -> "KeyframePoints":
+    def of(parts: Sequence[np.ndarray], laser: np.ndarray) -> "KeyframePoints":
         """Of (n, 2) points for each keyframe."""
         first = np.append(0, np.cumsum([len(part) for part in parts])).astype(np.int64)
-        return KeyframePoints(np.concatenate(parts) if parts else np.zeros((0, 2)), first)
+        return KeyframePoints(np.concatenate(parts) if parts else np.zeros((0, 2)), first, laser)
+
+    def placed(self, poses: np.ndarray) -> np.ndarray:
+        """(P, 2) points in the map, where the keyframes have poses (K, 3)."""
+        placed = np.empty_like(self.points)
+        place_points(self.points, self.first, poses, placed)
+        return placed
+
+    def eyes(self, poses: np.ndarray) -> np.ndarray:
+        """(K, 2) places of the laser in the map."""
+        return compose(poses, np.tile([*self.laser, 0.0], (len(poses), 1)))[:, :2].copy()
 
 
 class Localised(NamedTuple):
@@ -79,10 +101,10 @@ class LandmarkMap:
         """Number of landmarks."""
         return int(np.count_nonzero(self.variances))
 
-    def sum_groups(self, keyframes: KeyframePoints, placed: np.ndarray, poses: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    def sum_groups(self, keyframes: KeyframePoints, poses: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """See the kernel; sorted by landmark."""
         members, sums = sum_groups(
-            placed, keyframes.first, poses, self.landmarks, self.origin, self.cell_m, *self.shape, self.lines,
+            keyframes.placed(poses), keyframes.first, poses, self.landmarks, self.origin, self.cell_m, *self.shape, self.lines,
             self.variances,
         )  # fmt: skip
         order = np.argsort(members[:, 1], kind="stable")
@@ -98,27 +120,23 @@ class LandmarkMap:
         )  # fmt: skip
 
 
-def place(keyframes: KeyframePoints, poses: np.ndarray) -> np.ndarray:
-    """(P, 2) points in the map."""
-    placed = np.empty_like(keyframes.points)
-    place_points(keyframes.points, keyframes.first, poses, placed)
-    return placed
-
-
-def find_landmarks(placed: np.ndarray, cell_m: float, smallest_sigma_m: float) -> LandmarkMap:
+def find_landmarks(
+    keyframes: KeyframePoints, poses: np.ndarray, cell_m: float, smallest_sigma_m: float
+) -> LandmarkMap:
     """Find the lines.
 
     Args:
-        placed: (P, 2) points in the map.
+        keyframes: points of all of them.
+        poses: (K, 3) of the keyframes.
         cell_m: size of the cells, half of that of a landmark.
         smallest_sigma_m: no surface is known better.
 
     Raises:
         InputError: the points are too far from each other.
     """
-    if not len(placed):
-        placed = np.zeros((1, 2))
-    low, high = placed.min(axis=0), placed.max(axis=0)
+    placed = keyframes.placed(poses)
+    reached = np.concatenate([placed, poses[:, :2]])
+    low, high = reached.min(axis=0), reached.max(axis=0)
     # on multiples of the cells: the same cells however far the points reach
     origin = cell_m * (np.floor(low / cell_m) - MARGIN_CELLS)
     columns, rows = (int(each) for each in np.ceil((high - origin) / cell_m) + MARGIN_CELLS)
@@ -145,12 +163,24 @@ def find_landmarks(placed: np.ndarray, cell_m: float, smallest_sigma_m: float) -
         usual = float(np.median(own[is_line & (near >= LEAST_POINTS)])) if is_line.any() else sigma_m**2
         variances = (near * own + SHRINKAGE * usual) / (near + SHRINKAGE)
     is_line &= (near >= LEAST_POINTS) & (variances < min(LARGEST_SIGMA_M, ROUGH * sigma_m) ** 2)
+    is_line &= _stands(keyframes, poses, placed, grid, lines, sigma_m)
     variances = np.where(is_line, np.maximum(variances, smallest_sigma_m**2), 0.0)
     return LandmarkMap(origin, cell_m, (rows, columns), landmarks, lines, variances, float(np.sqrt(max(usual, 0.0))))
 
 
-def is_landmark(landmark_map: LandmarkMap) -> np.ndarray:
-    """(rows, columns) bool: the cells that are part of a line."""
-    own = landmark_map.landmarks
-    used = np.where(own == NOTHING, 0.0, landmark_map.variances[np.maximum(own, 0)])
-    return (used > 0.0).reshape(landmark_map.shape)
+def _stands(
+    keyframes: KeyframePoints,
+    poses: np.ndarray,
+    placed: np.ndarray,
+    grid: Tuple[np.ndarray, np.ndarray, float, int, int],
+    lines: np.ndarray,
+    sigma_m: float,
+) -> np.ndarray:
+    """(cells,) bool: landmarks that several keyframes have seen, and that none has looked through."""
+    found = np.zeros((len(lines), 3), np.int32)
+    clear_m = max(CLEAR_M, CLEAR_SIGMAS * sigma_m)
+    count_crossings(
+        placed, keyframes.first, keyframes.eyes(poses), FOLLOWED_RAYS, *grid, lines, clear_m, found
+    )
+    seen, ends, crossings = found.T
+    return (seen >= min(FEWEST_KEYFRAMES, len(poses))) & (crossings <= LOOKED_THROUGH * (ends + crossings))

@@ -45,11 +45,7 @@ class LoopFinder:
         half = self._length // 2
         groups = [np.arange(first, min(first + half, len(poses))) for first in range(0, len(poses), half)]
         for number, group in enumerate(groups):
-            wanted = [
-                other
-                for other in range(number + 3, len(groups))
-                if (number, other) not in self._connected
-            ]
+            wanted = [other for other in range(number + 3, len(groups)) if (number, other) not in self._connected]
             centre = int(group[len(group) // 2])
             candidates = [(other, self._nearest(poses, centre, groups[other])) for other in wanted]
             candidates = [

@@ -15,6 +15,7 @@ from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap
 from ceiling_dso_ros.lidar.mapping.loops import LoopFinder
 from ceiling_dso_ros.lidar.scans.poses import Path, between, carried, logmap
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
+from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_twists
 from ceiling_dso_ros.lidar.matching.tracking import ScanTracker, Track, submap_radius_m
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
@@ -23,7 +24,6 @@ LOOP_ROUNDS = 3
 WEAK = 5.0  # times the standard deviations of relations that only hold what the points leave open
 PRIOR_SIGMAS = np.array([0.05, 0.05, 0.03])  # of a scan seen from its keyframe, without wheels
 WHEEL_FACTOR = 3.0  # times those of the wheels: where the points tell more, the wheels shall not count
-LONGEST_SWEEP_STEP_S = 1.0  # from scan to scan: over a longer one the motion is not even
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,7 @@ class Solution:
     rounds: int
 
 
-def solve(
-    scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig, backwards: bool = False
-) -> Solution:
+def solve(scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig, backwards: bool = False) -> Solution:
     """Solve a recording; backwards begins with its last scan."""
     points = ScanPoints(scans)
     track = ScanTracker(scans, wheels, config, backwards).run()
@@ -128,7 +126,7 @@ def refine(
     rounds = 0
     while True:
         rounds += 1
-        parts = KeyframePoints.of([points.of(scan, twists[scan]) for scan in keyframes.tolist()])
+        parts = KeyframePoints.of([points.of(scan, twists[scan]) for scan in keyframes.tolist()], points.laser)
         joint = solve_jointly(parts, poses, relations, config)
         poses = joint.poses
         guess = carried(Path(scans.stamps_ns[keyframes], poses), shape, scans.stamps_ns)
@@ -165,27 +163,6 @@ def localise_scans(
     return Localisation(poses, informations, priors[which], counts)
 
 
-def sweep_twists(
-    scans: LaserScans, points: ScanPoints, wheels: Optional[WheelMotions], poses: np.ndarray, known: np.ndarray
-) -> np.ndarray:
-    """(N, 3) twists during the scans by the poses, whose ends are those of the wheels where there are some.
-
-    Where scans are too far apart in time, the known (N, 3) ones are kept.
-    """
-    path = Path(scans.stamps_ns, poses)
-    if len(poses) < 2:
-        return known
-    own = points.twists_over_sweeps(between(poses, path.at(points.end_stamps_ns)))
-    own[-1] = own[-2]
-    if wheels is not None:
-        driven = points.twists_over_sweeps(between(poses, carried(path, wheels.path, points.end_stamps_ns)))
-        covered = wheels.covers(scans.stamps_ns, points.end_stamps_ns)
-        own = np.where(covered[:, None], driven, own)
-    steps_s = seconds(np.diff(scans.stamps_ns))
-    near = np.append(steps_s, steps_s[-1:]) < LONGEST_SWEEP_STEP_S
-    return np.where(near[:, None], own, known)
-
-
 def nearest_keyframe(scans: LaserScans, keyframes: np.ndarray) -> np.ndarray:
     """(N,) number of the keyframe that is nearest in time to each scan."""
     stamps_ns = scans.stamps_ns[keyframes]
@@ -198,14 +175,10 @@ def nearest_keyframe(scans: LaserScans, keyframes: np.ndarray) -> np.ndarray:
 
 def _is_still(before: np.ndarray, after: np.ndarray, config: LidarConfig) -> bool:
     moved = logmap(between(before, after))
-    return bool(
-        np.abs(moved[:, :2]).max() < config.converged_m and np.abs(moved[:, 2]).max() < config.converged_rad
-    )
+    return bool(np.abs(moved[:, :2]).max() < config.converged_m and np.abs(moved[:, 2]).max() < config.converged_rad)
 
 
-def _priors(
-    scans: LaserScans, wheels: Optional[WheelMotions], keyframes: np.ndarray, guess: np.ndarray
-) -> np.ndarray:
+def _priors(scans: LaserScans, wheels: Optional[WheelMotions], keyframes: np.ndarray, guess: np.ndarray) -> np.ndarray:
     """(N, 3, 3) information of the guesses, which are carried from the nearest keyframes."""
     sigmas = np.tile(PRIOR_SIGMAS, (len(scans), 1))
     if wheels is not None:

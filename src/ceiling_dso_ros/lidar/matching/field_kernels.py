@@ -19,9 +19,7 @@ SHORTEST_LINE_M = 0.03  # standard deviation along it; else a line's direction i
 
 
 @kernel
-def add_to_statistics(
-    points: np.ndarray, statistics: np.ndarray, origin: np.ndarray, cell_m: float
-) -> np.ndarray:
+def add_to_statistics(points: np.ndarray, statistics: np.ndarray, origin: np.ndarray, cell_m: float) -> np.ndarray:
     """Add points to the sums of their cells: count, x, y, xx, xy, yy.
 
     Args:
@@ -123,9 +121,7 @@ def _refresh(statistics: np.ndarray, row: int, column: int, smallest_sigma_m: fl
 
 
 @kernel
-def stamp_raster(
-    points: np.ndarray, raster: np.ndarray, origin: np.ndarray, cell_m: float, sigma_m: float
-) -> None:
+def stamp_raster(points: np.ndarray, raster: np.ndarray, origin: np.ndarray, cell_m: float, sigma_m: float) -> None:
     """Draw points into a raster of likelihoods: the largest exp(-d^2 / 2 sigma^2) of all points counts.
 
     Args:

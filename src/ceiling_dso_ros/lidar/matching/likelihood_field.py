@@ -7,6 +7,7 @@ import numpy as np
 
 from ceiling_dso_ros.lidar.config import LidarConfig
 from ceiling_dso_ros.lidar.matching.field_kernels import add_to_statistics, refresh_distributions, stamp_raster
+from ceiling_dso_ros.lidar.matching.free_space_kernels import in_free_space, mark_hits, mark_passes
 from ceiling_dso_ros.lidar.matching.matching_kernels import align_points
 from ceiling_dso_ros.lidar.matching.search_kernels import NO_PLACE, search_places
 
@@ -16,6 +17,7 @@ SEARCHED_POINTS = 180
 FINEST_ANGLE_RAD = 0.004
 DISTANCE_PENALTY, TURN_PENALTY = 0.02, 0.02  # of the score at the border of the search
 WIDTHS, ITERATIONS = np.array([4.0, 2.0, 1.0]), 8
+FREE_CELL_M = 0.2
 MARGIN_M = 2.0  # around the points of the first scan, for those that come into view
 
 
@@ -59,7 +61,18 @@ class LikelihoodField:
         self._mark = 0
         self._raster = np.zeros((pixels, pixels), np.uint8)
         self._inner_m = radius_m + MARGIN_M
+        free_cells = int(np.ceil(2.0 * border_m / FREE_CELL_M))
+        self._hits = np.zeros((free_cells, free_cells), np.uint8)
+        self._passes = np.zeros((free_cells, free_cells), np.uint8)
         self._levels: Optional[np.ndarray] = None
+
+    def mark_free(self, points: np.ndarray, eye: np.ndarray) -> None:
+        """Nothing stands where rays pass, from the laser's place (2,) to (n, 2) points, in the frame of the field."""
+        mark_passes(points, eye, self._passes, self._origin, FREE_CELL_M)
+
+    def is_moving(self, points: np.ndarray) -> np.ndarray:
+        """Which of (n, 2) points in the frame of the field are where rays have passed and nothing stands, (n,) bool."""
+        return in_free_space(points, self._hits, self._passes, self._origin, FREE_CELL_M)
 
     def add(self, points: np.ndarray) -> None:
         """Add the (n, 2) points of a scan, in the frame of the field."""
@@ -69,6 +82,7 @@ class LikelihoodField:
         refresh_distributions(
             self._statistics, touched, self._marks, self._mark, self._config.range_sigma_m, self._distributions
         )
+        mark_hits(points, self._hits, self._origin, FREE_CELL_M)
         sigma_m = RASTER_SIGMA * self._config.raster_m
         stamp_raster(points, self._raster, self._origin, self._config.raster_m, sigma_m)
         self._levels = None
@@ -139,9 +153,7 @@ class LikelihoodField:
             return None
         return Place(np.array([centre[0] + dx * raster_m, centre[1] + dy * raster_m, angles[index]]), float(score))
 
-    def _excluded(
-        self, without: Optional[np.ndarray], centre: np.ndarray, half: int, step_rad: float
-    ) -> np.ndarray:
+    def _excluded(self, without: Optional[np.ndarray], centre: np.ndarray, half: int, step_rad: float) -> np.ndarray:
         if without is None:
             return np.array([NO_PLACE, 0, 0, 0, 0])
         dx, dy = np.round((without[:2] - centre[:2]) / self._config.raster_m)

@@ -15,6 +15,7 @@ from ceiling_dso_ros.lidar.scans.poses import transformed
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
+ANY_SPEED_M_S, ANY_TURN_RAD_S = 1.0, 0.8  # of a robot of which nothing else is known
 STALE_S = 1.0  # a velocity that is older tells nothing of the next motion
 LARGEST_STEP_M, LARGEST_STEP_RAD = 1.5, 0.9  # of a search without wheels
 SURE_SIGMA_M, SURE_SIGMA_RAD = 0.05, 0.05  # of a prediction: from there, Gauss-Newton needs no search
@@ -25,6 +26,7 @@ LEAST_SIGMAS = np.array([0.003, 0.003, 0.001])
 LEAST_PREDICTED = np.array([0.01, 0.01, 0.005])  # of a prediction: wheels slip, and mounts are measured by hand
 RADIUS_M = (10.0, 40.0)  # of a submap
 LOST_SCANS = 10
+LARGEST_MOVING_SHARE = 0.6  # of the points: if more are where nothing stood, it is the pose that is wrong
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,21 @@ class _Submap:
         self.field = LikelihoodField(radius_m, config)
         self.keyframes = 0
 
-    def add(self, pose: np.ndarray, points: np.ndarray) -> None:
-        """Add the points of a keyframe with a pose in the frame of the track."""
+    def add(self, pose: np.ndarray, points: np.ndarray, laser: np.ndarray) -> None:
+        """Add the points of a keyframe with a pose in the frame of the track; what moves is left out.
+
+        The laser's place (2,) is seen from the robot.
+        """
         local = planar.between(self.origin, pose)
-        self.field.add(transformed(points, local))
+        placed = transformed(points, local)
+        self.field.add(placed[~self.field.is_moving(placed)])
+        self.field.mark_free(placed, transformed(laser[None], local)[0])
         self.keyframes += 1
+
+    def standing(self, points: np.ndarray, local: np.ndarray) -> np.ndarray:
+        """The points of a robot with a pose in the frame of the field, without those that move."""
+        moving = self.field.is_moving(transformed(points, local))
+        return points if moving.mean() > LARGEST_MOVING_SHARE else points[~moving]
 
 
 class ScanTracker:
@@ -102,6 +114,7 @@ class ScanTracker:
         self._submaps: List[_Submap] = []
         self._usual_fit = 1.0
         self._pose, self._velocity, self._last_keyframe = np.zeros(3), np.zeros(3), np.zeros(3)
+        self._has_velocity = False
         self._lost, self._lost_sigmas = 0, np.zeros(3)  # scans in a row without a match, and what that costs
         self._poses, self._fits, self._is_matched = np.zeros((count, 3)), np.zeros(count), np.zeros(count, bool)
         self._keyframes: List[Keyframe] = []
@@ -137,7 +150,7 @@ class ScanTracker:
         begins_again = self._lost >= LOST_SCANS and not is_driven and len(points) > 0
         if begins_again:  # somewhere else, with a map of its own
             self._submaps.clear()
-            self._lost = 0
+            self._lost, self._has_velocity = 0, False
         if begins_again or (self._is_far(moved) and (match is not None or is_driven)):
             covariance = (
                 np.diag(np.maximum(self._lost_sigmas, 10.0 * LEAST_SIGMAS) ** 2)
@@ -151,16 +164,22 @@ class ScanTracker:
         if self._is_driven[step]:
             return planar.compose(self._pose, self._moved[step]), 2.0 * self._sigmas[step]
         step_s = float(self._steps_s[step])
-        lasting_s = step_s if abs(step_s) < STALE_S else 0.0
-        ahead_m = min(0.005 + 0.5 * self._config.acceleration_m_s2 * step_s**2, LARGEST_STEP_M)
-        turn_rad = min(0.005 + 0.5 * self._config.acceleration_rad_s2 * step_s**2, LARGEST_STEP_RAD)
-        predicted = planar.compose(self._pose, planar.expmap(self._velocity * lasting_s))
+        ahead_m = 0.005 + 0.5 * self._config.acceleration_m_s2 * step_s**2
+        turn_rad = 0.005 + 0.5 * self._config.acceleration_rad_s2 * step_s**2
+        if not self._has_velocity or abs(step_s) >= STALE_S:
+            ahead_m, turn_rad = ahead_m + ANY_SPEED_M_S * abs(step_s), turn_rad + ANY_TURN_RAD_S * abs(step_s)
+            predicted = self._pose
+        else:
+            predicted = planar.compose(self._pose, planar.expmap(self._velocity * step_s))
+        ahead_m, turn_rad = min(ahead_m, LARGEST_STEP_M), min(turn_rad, LARGEST_STEP_RAD)
         return predicted, np.array([ahead_m, ahead_m, turn_rad])
 
     def _update_velocity(self, step: int, before: np.ndarray) -> None:
         step_s = float(self._steps_s[step])
-        is_stale = abs(step_s) >= STALE_S
-        self._velocity = np.zeros(3) if is_stale else planar.logmap(planar.between(before, self._pose)) / step_s
+        self._has_velocity = abs(step_s) < STALE_S
+        self._velocity = (
+            planar.logmap(planar.between(before, self._pose)) / step_s if self._has_velocity else np.zeros(3)
+        )
 
     def _match(self, points: np.ndarray, predicted: np.ndarray, sigmas: np.ndarray) -> Optional[Match]:
         """The pose in the older submap; None where too few points fit anywhere."""
@@ -169,6 +188,7 @@ class ScanTracker:
         submap = self._submaps[0]
         local = planar.between(submap.origin, predicted)
         known = np.diag(1.0 / np.maximum(sigmas, LEAST_PREDICTED) ** 2)
+        points = submap.standing(points, local)
         is_sure = sigmas[0] < SURE_SIGMA_M and sigmas[2] < SURE_SIGMA_RAD
         match = submap.field.align(points, local, local, known)
         if not is_sure or match.fit < POOR_FIT * self._usual_fit:
@@ -205,7 +225,7 @@ class ScanTracker:
         if len(self._submaps) > 2:
             del self._submaps[0]
         for submap in self._submaps:
-            submap.add(self._pose, points)
+            submap.add(self._pose, points, self._points.laser)
 
 
 def submap_radius_m(scans: LaserScans) -> float:

@@ -19,7 +19,7 @@ def wrap(angles_rad: np.ndarray) -> np.ndarray:
 def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """T_x_z of a = T_x_y and b = T_y_z."""
     # contiguous, or numpy's last bit depends on where the angles lie in memory
-    yaw = np.ascontiguousarray(a[..., 2])
+    yaw = np.array(a[..., 2])
     c, s = np.cos(yaw), np.sin(yaw)
     x = a[..., 0] + c * b[..., 0] - s * b[..., 1]
     y = a[..., 1] + s * b[..., 0] + c * b[..., 1]
@@ -28,7 +28,7 @@ def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def inverse(a: np.ndarray) -> np.ndarray:
     """T_y_x of a = T_x_y."""
-    yaw = np.ascontiguousarray(a[..., 2])
+    yaw = np.array(a[..., 2])
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], -a[..., 2]], axis=-1)
 
@@ -40,16 +40,18 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def logmap(poses: np.ndarray) -> np.ndarray:
     """The arcs (forward, left, turn) that lead to the poses."""
-    turn = wrap(np.ascontiguousarray(poses[..., 2]))
+    turn = wrap(np.array(poses[..., 2]))
     half = 0.5 * turn
     safe = np.where(np.abs(half) > 1e-9, half, 1.0)
     a = np.where(np.abs(half) > 1e-9, safe / np.tan(safe), 1.0)
-    return np.stack([a * poses[..., 0] + half * poses[..., 1], -half * poses[..., 0] + a * poses[..., 1], turn], axis=-1)
+    return np.stack(
+        [a * poses[..., 0] + half * poses[..., 1], -half * poses[..., 0] + a * poses[..., 1], turn], axis=-1
+    )
 
 
 def expmap(twists: np.ndarray) -> np.ndarray:
     """The poses reached by driving arcs (forward, left, turn)."""
-    turn = np.ascontiguousarray(twists[..., 2])
+    turn = np.array(twists[..., 2])
     small = np.abs(turn) < 1e-6
     safe = np.where(small, 1.0, turn)
     a = np.where(small, 1.0 - turn**2 / 6.0, np.sin(safe) / safe)

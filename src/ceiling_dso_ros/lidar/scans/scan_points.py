@@ -13,6 +13,7 @@ class ScanPoints:
     """Makes points of base_link of each scan.
 
     Attributes:
+        laser: (2,) its place in base_link.
         end_stamps_ns: (N,) int64 of the last rays; a little after the first where it is unknown when rays are cast.
     """
 
@@ -22,6 +23,7 @@ class ScanPoints:
         """Of all scans; the laser may be mounted upside down, its z and its tilt do not matter."""
         self._scans = scans
         self._mount = np.ascontiguousarray(scans.T_base_laser[:2][:, [0, 1, 3]])
+        self.laser = np.array(scans.T_base_laser[:2, 3])
         sweep_s = np.maximum(scans.sweep_s, self.LEAST_SWEEP_S)
         self.end_stamps_ns = scans.stamps_ns + np.array([nanoseconds(each) for each in sweep_s.tolist()], np.int64)
 
