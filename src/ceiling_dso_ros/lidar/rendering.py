@@ -11,7 +11,7 @@ from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints
 from ceiling_dso_ros.lidar.reference import Reference
 from ceiling_dso_ros.lidar.rendering_kernels import cast_rays
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
-from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_twists
+from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_motions
 
 CELL_M = 0.05
 MOST_CELLS = 2**24  # of an image: larger halls have larger cells
@@ -65,8 +65,8 @@ def draw_map(reference: Reference) -> MapImage:
     """The map of all keyframes."""
     scans, solution = reference.scans, reference.solution
     points = ScanPoints(scans)
-    twists = sweep_twists(scans, points, reference.wheels, reference.path.poses, solution.track.twists)
-    keyframes = KeyframePoints.of([points.of(scan, twists[scan]) for scan in solution.keyframes.tolist()], points.laser)
+    motions = sweep_motions(scans, points, reference.wheels, reference.path.poses, solution.track.twists)
+    keyframes = KeyframePoints.of([points.of(scan, motions[scan]) for scan in solution.keyframes.tolist()], points.laser)
     placed, eyes = keyframes.placed(solution.joint.poses), keyframes.eyes(solution.joint.poses)
     met = np.concatenate([placed, eyes, reference.path.poses[:, :2]])
     low, high = met.min(axis=0) - MARGIN_M, met.max(axis=0) + MARGIN_M

@@ -14,7 +14,7 @@ from ceiling_dso_ros.lidar.mapping.joint_solution import solve_jointly
 from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints
 from ceiling_dso_ros.lidar.scans.poses import Path, between, carried
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
-from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_twists
+from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_motions
 from ceiling_dso_ros.lidar.mapping.solution import Solution, localise_scans, solve
 from ceiling_dso_ros.lidar.uncertainty import aligned_errors
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
@@ -75,12 +75,12 @@ def _half(
     keyframes = np.minimum(solution.keyframes // 2 * 2 + parity, len(scans) - 1 - (len(scans) - 1 - parity) % 2)
     points = ScanPoints(scans)
     own = np.arange(parity, len(scans), 2)
-    twists = sweep_twists(scans, points, wheels, located.poses, solution.track.twists)
-    parts = KeyframePoints.of([points.of(scan, twists[scan]) for scan in keyframes.tolist()], points.laser)
+    motions = sweep_motions(scans, points, wheels, located.poses, solution.track.twists)
+    parts = KeyframePoints.of([points.of(scan, motions[scan]) for scan in keyframes.tolist()], points.laser)
     poses = located.poses[keyframes]
     relations = [replace(each, moved=between(poses[each.first], poses[each.second])) for each in solution.relations]
     joint = solve_jointly(parts, poses, relations, config)
-    return localise_scans(points, twists, joint.landmark_map, located.poses, located.priors, own).poses
+    return localise_scans(points, motions, joint.landmark_map, located.poses, located.priors, own).poses
 
 
 def _between_neighbours(path: Path, stamps_ns: np.ndarray) -> np.ndarray:

@@ -26,16 +26,25 @@ NO_PRIOR = np.eye(3) * 1e-6
 class LoopFinder:
     """Looks for loops among the keyframes; each pair of places is connected once."""
 
-    def __init__(self, points: Sequence[np.ndarray], way_m: np.ndarray, radius_m: float, config: LidarConfig) -> None:
+    def __init__(
+        self,
+        points: Sequence[np.ndarray],
+        dense: Sequence[np.ndarray],
+        way_m: np.ndarray,
+        radius_m: float,
+        config: LidarConfig,
+    ) -> None:
         """Begin.
 
         Args:
             points: (n, 2) of each keyframe, seen from itself.
+            dense: the same with more points, of which the submaps are made.
             way_m: (K,) driven up to each keyframe.
             radius_m: of a submap.
             config: settings.
         """
-        self._points, self._way_m, self._radius_m, self._config = points, way_m, radius_m, config
+        self._points, self._dense = points, dense
+        self._way_m, self._radius_m, self._config = way_m, radius_m, config
         self._length = config.submap_keyframes
         self._connected: Set[Tuple[int, int]] = set()  # group of keyframes, group of keyframes
 
@@ -78,7 +87,7 @@ class LoopFinder:
         field = LikelihoodField(self._radius_m, self._config)
         half = self._length // 2
         for keyframe in range(max(0, centre - half), min(len(poses), centre + half + 1)):
-            field.add(transformed(self._points[keyframe], planar.between(poses[centre], poses[keyframe])))
+            field.add(transformed(self._dense[keyframe], planar.between(poses[centre], poses[keyframe])))
         return field
 
     def _match(self, field: LikelihoodField, poses: np.ndarray, centre: int, keyframe: int) -> Optional[Relation]:

@@ -14,8 +14,8 @@ from ceiling_dso_ros.lidar.mapping.joint_solution import JointSolution, solve_jo
 from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap
 from ceiling_dso_ros.lidar.mapping.loops import LoopFinder
 from ceiling_dso_ros.lidar.scans.poses import Path, between, carried, logmap
-from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
-from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_twists
+from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints, steady
+from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_motions
 from ceiling_dso_ros.lidar.matching.tracking import ScanTracker, Track, submap_radius_m
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
@@ -72,6 +72,7 @@ def solve(scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig
     """Solve a recording; backwards begins with its last scan."""
     points = ScanPoints(scans)
     track = ScanTracker(scans, wheels, config, backwards).run()
+    motions = steady(track.twists)
     order = [keyframe.scan for keyframe in track.keyframes]
     poses = track.poses[order]
     chain = [
@@ -81,7 +82,8 @@ def solve(scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig
     driven = [] if wheels is None else _wheel_relations(scans, wheels, order)
     steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T) if len(poses) > 1 else np.zeros(0)
     finder = LoopFinder(
-        [points.of(scan, track.twists[scan]) for scan in order],
+        [points.of(scan, motions[scan]) for scan in order],
+        [points.dense(scan, motions[scan]) for scan in order],
         np.append(0.0, np.cumsum(steps_m)),
         submap_radius_m(scans),
         config,
@@ -121,26 +123,26 @@ def refine(
     """
     points = ScanPoints(scans)
     shape = Path(scans.stamps_ns, track.poses)
-    twists = track.twists
+    motions = steady(track.twists)
     before: Optional[np.ndarray] = None
     rounds = 0
     while True:
         rounds += 1
-        parts = KeyframePoints.of([points.of(scan, twists[scan]) for scan in keyframes.tolist()], points.laser)
+        parts = KeyframePoints.of([points.of(scan, motions[scan]) for scan in keyframes.tolist()], points.laser)
         joint = solve_jointly(parts, poses, relations, config)
         poses = joint.poses
         guess = carried(Path(scans.stamps_ns[keyframes], poses), shape, scans.stamps_ns)
         priors = _priors(scans, wheels, keyframes, guess)
-        located = localise_scans(points, twists, joint.landmark_map, guess, priors, np.arange(len(scans)))
+        located = localise_scans(points, motions, joint.landmark_map, guess, priors, np.arange(len(scans)))
         if rounds == MOST_ROUNDS or (before is not None and _is_still(before, located.poses, config)):
             return joint, located, rounds
         before = located.poses
-        twists = sweep_twists(scans, points, wheels, located.poses, twists)
+        motions = sweep_motions(scans, points, wheels, located.poses, track.twists)
 
 
 def localise_scans(
     points: ScanPoints,
-    twists: np.ndarray,
+    motions: np.ndarray,
     landmark_map: LandmarkMap,
     guess: np.ndarray,
     priors: np.ndarray,
@@ -150,7 +152,7 @@ def localise_scans(
 
     Args:
         points: of all scans.
-        twists: (N, 3) during the scans.
+        motions: (N, 2, 3) during the scans.
         landmark_map: the map.
         guess: (N, 3) first guesses.
         priors: (N, 3, 3) their information.
@@ -158,7 +160,7 @@ def localise_scans(
     """
     poses, informations, counts = np.zeros((len(which), 3)), np.zeros((len(which), 3, 3)), np.zeros(len(which), int)
     for row, scan in enumerate(which.tolist()):
-        found = landmark_map.localise(points.of(scan, twists[scan]), guess[scan], priors[scan])
+        found = landmark_map.localise(points.of(scan, motions[scan]), guess[scan], priors[scan])
         poses[row], informations[row], counts[row] = found
     return Localisation(poses, informations, priors[which], counts)
 

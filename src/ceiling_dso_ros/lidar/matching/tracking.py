@@ -12,12 +12,12 @@ from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.config import LidarConfig
 from ceiling_dso_ros.lidar.matching.likelihood_field import LikelihoodField, Match
 from ceiling_dso_ros.lidar.scans.poses import transformed
-from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
+from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints, steady
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 ANY_SPEED_M_S, ANY_TURN_RAD_S = 1.0, 0.8  # of a robot of which nothing else is known
 STALE_S = 1.0  # a velocity that is older tells nothing of the next motion
-LARGEST_STEP_M, LARGEST_STEP_RAD = 1.5, 0.9  # of a search without wheels
+LARGEST_STEP_M, LARGEST_STEP_RAD = 1.5, 1.2  # of a search without wheels
 SURE_SIGMA_M, SURE_SIGMA_RAD = 0.05, 0.05  # of a prediction: from there, Gauss-Newton needs no search
 POOR_FIT = 0.75  # of the usual share of points that fit: what is worse is searched
 SEARCH_SCORE = 0.35
@@ -71,15 +71,19 @@ class _Submap:
         self.field = LikelihoodField(radius_m, config)
         self.keyframes = 0
 
-    def add(self, pose: np.ndarray, points: np.ndarray, laser: np.ndarray) -> None:
-        """Add the points of a keyframe with a pose in the frame of the track; what moves is left out.
+    def add(self, pose: np.ndarray, points: np.ndarray, dense: np.ndarray, laser: np.ndarray) -> None:
+        """Add a keyframe with a pose in the frame of the track; what moves is left out.
 
-        The laser's place (2,) is seen from the robot.
+        Args:
+            pose: of the robot.
+            points: (n, 2) of its scan, seen from the robot.
+            dense: the same with more points.
+            laser: (2,) its place, seen from the robot.
         """
         local = planar.between(self.origin, pose)
-        placed = transformed(points, local)
+        placed = transformed(dense, local)
         self.field.add(placed[~self.field.is_moving(placed)])
-        self.field.mark_free(placed, transformed(laser[None], local)[0])
+        self.field.mark_free(transformed(points, local), transformed(laser[None], local)[0])
         self.keyframes += 1
 
     def standing(self, points: np.ndarray, local: np.ndarray) -> np.ndarray:
@@ -124,7 +128,7 @@ class ScanTracker:
         for step, scan in enumerate(self._order.tolist()):
             if not self._has_twist[scan]:
                 self._twists[scan] = self._velocity
-            points = self._points.of(scan, self._twists[scan])
+            points = self._points.of(scan, steady(self._twists[scan]))
             if step == 0:
                 self._is_matched[scan], self._fits[scan] = len(points) > 0, 1.0
                 self._add_keyframe(Keyframe(scan, np.zeros(3), np.zeros((3, 3))), points)
@@ -224,8 +228,9 @@ class ScanTracker:
             self._submaps.append(_Submap(self._pose, self._radius_m, self._config))
         if len(self._submaps) > 2:
             del self._submaps[0]
+        dense = self._points.dense(keyframe.scan, steady(self._twists[keyframe.scan]))
         for submap in self._submaps:
-            submap.add(self._pose, points, self._points.laser)
+            submap.add(self._pose, points, dense, self._points.laser)
 
 
 def submap_radius_m(scans: LaserScans) -> float:

@@ -10,23 +10,25 @@ from typing import Optional
 
 import numpy as np
 
-from ceiling_dso_ros.dso.durations import seconds
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.scans.poses import between, logmap, wrap
-from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
+from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints, steady
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 HALF_WINDOW, DEGREE = 3, 3  # scans before and after that a polynomial goes through
 LONGEST_WINDOW_S = 1.5  # from the first of them to the last: over a longer time the motion is no polynomial
+LONGEST_STEP_S = 0.5  # from scan to scan, over which a change of the twist is even
 STRIDE = 10  # scans from one pose to the next, from which the constants of the wheels are found
 SLIP_M, SLIP_RAD = 0.02, 0.01  # from scan to scan: where the wheels differ more from the poses, they are not used
+BEYOND_S = 0.04  # before and after a scan, over which the wheels' twist is taken: they have a resolution, too
 ITERATIONS = 5
 
 
-def sweep_twists(
+def sweep_motions(
     scans: LaserScans, points: ScanPoints, wheels: Optional[WheelMotions], poses: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
-    """Twists (N, 3) m/s, m/s, rad/s during the scans.
+    """Motions (N, 2, 3) during the scans: the twist at the stamp, m/s, m/s, rad/s, and its change per second.
 
     Args:
         scans: all of them.
@@ -35,25 +37,38 @@ def sweep_twists(
         poses: (N, 3) at the stamps.
         known: (N, 3) twists that are kept where scans are too far from each other in time.
     """
+    if len(poses) < 2:
+        return steady(known)
     twists = _smooth_twists(scans, poses, known)
-    if wheels is None or len(poses) < 2:
-        return twists
+    if wheels is not None:
+        twists = _driven_twists(scans, points, wheels, poses, twists)
+    middles_s = seconds(scans.stamps_ns - scans.stamps_ns[0]) + 0.5 * scans.sweep_s
+    changes = np.gradient(twists, middles_s, axis=0)
+    near = np.gradient(middles_s) < LONGEST_STEP_S
+    changes = np.where(near[:, None], changes, 0.0)
+    return np.stack([twists - 0.5 * scans.sweep_s[:, None] * changes, changes], axis=1)
+
+
+def _driven_twists(
+    scans: LaserScans, points: ScanPoints, wheels: WheelMotions, poses: np.ndarray, otherwise: np.ndarray
+) -> np.ndarray:
+    """Mean twists (N, 3) during the scans by the wheels; the other ones where wheels slip, or tell nothing."""
     ahead, turn = _wheel_constants(scans.stamps_ns, poses, wheels)
     stamps_ns, ends_ns = scans.stamps_ns, points.end_stamps_ns
-    driven = _corrected(points.twists_over_sweeps(wheels.between(stamps_ns, ends_ns)), ahead, turn)
+    from_ns, to_ns = stamps_ns - nanoseconds(BEYOND_S), ends_ns + nanoseconds(BEYOND_S)
+    mean = logmap(wheels.between(from_ns, to_ns)) / seconds(to_ns - from_ns)[:, None]
+    driven = _corrected(mean, ahead, turn)
     steps = _corrected(logmap(wheels.between(stamps_ns[:-1], stamps_ns[1:])), ahead, turn)
     apart = np.abs(steps - logmap(between(poses[:-1], poses[1:])))
     agrees = (apart[:, :2].max(axis=1) < SLIP_M) & (apart[:, 2] < SLIP_RAD)
     agrees = np.append(agrees, True) & np.append(True, agrees)  # the steps before and after a scan
-    used = agrees & wheels.covers(stamps_ns, ends_ns)
-    return np.where(used[:, None], driven, twists)
+    used = agrees & wheels.covers(from_ns, to_ns)
+    return np.where(used[:, None], driven, otherwise)
 
 
 def _smooth_twists(scans: LaserScans, poses: np.ndarray, known: np.ndarray) -> np.ndarray:
     """By least squares polynomials of x, y and yaw, seen from each pose, at the middle of its scan."""
     count = len(poses)
-    if count < 2:
-        return known
     width = min(2 * HALF_WINDOW + 1, count)
     first = np.clip(np.arange(count) - width // 2, 0, count - width)
     index = first[:, None] + np.arange(width)
