@@ -18,6 +18,7 @@ from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap,
 from ceiling_dso_ros.lidar.scans.poses import wrap
 
 MOST_ITERATIONS = 15
+FLICKER = 20.0  # times the steps that end the iterations: if they shrink no more, landmarks come and go
 FAR = 9.0  # squared Mahalanobis distance at which a relation has half of its weight
 GAUGE_INFORMATION = 1e6  # of the three motions of the whole that nothing determines
 SMALLEST_SIGMA_M = 0.002  # of a surface
@@ -55,7 +56,7 @@ def solve_jointly(
         InputError: the points are too far from each other.
     """
     poses = poses.copy()
-    iterations = 0
+    iterations, last_size = 0, np.inf
     while True:
         landmark_map = find_landmarks(keyframes, poses, config.landmark_m, SMALLEST_SIGMA_M)
         information, gradient = _normal_equations(keyframes, poses, landmark_map, relations)
@@ -65,8 +66,10 @@ def solve_jointly(
         step = -cho_solve(cho_factor(information + GAUGE_INFORMATION * gauge @ gauge.T), gradient).reshape(-1, 3)
         poses += step
         iterations += 1
-        if np.abs(step[:, :2]).max() < config.converged_m and np.abs(step[:, 2]).max() < config.converged_rad:
+        size = float(np.abs(step / (config.converged_m, config.converged_m, config.converged_rad)).max())
+        if size < 1.0 or (size < FLICKER and size > 0.5 * last_size):
             break
+        last_size = size
     poses[:, 2] = wrap(poses[:, 2])
     return JointSolution(poses, landmark_map, information, iterations)
 

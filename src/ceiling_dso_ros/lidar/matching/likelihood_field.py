@@ -18,6 +18,7 @@ FINEST_ANGLE_RAD = 0.004
 DISTANCE_PENALTY, TURN_PENALTY = 0.02, 0.02  # of the score at the border of the search
 WIDTHS, ITERATIONS = np.array([4.0, 2.0, 1.0]), 8
 FREE_CELL_M = 0.2
+UNKNOWN = 150  # of 255: likelihood of a point where nothing is known; of right places, that of all points is higher
 MARGIN_M = 2.0  # around the points of the first scan, for those that come into view
 
 
@@ -174,6 +175,8 @@ class LikelihoodField:
         if self._levels is None:
             levels = np.zeros((LEVELS, *self._raster.shape), np.uint8)
             levels[0] = self._raster
+            if self._passes.any():
+                np.maximum(levels[0], np.where(self._is_unknown(), UNKNOWN, 0), out=levels[0], casting="unsafe")
             for level in range(1, LEVELS):
                 step = 2 ** (level - 1)
                 wide, below = levels[level], levels[level - 1]
@@ -183,6 +186,17 @@ class LikelihoodField:
                 np.maximum(wide[:-step], rows[step:], out=wide[:-step])
             self._levels = levels
         return self._levels
+
+    def _is_unknown(self) -> np.ndarray:
+        """(rows, columns) bool: pixels of the raster where nothing was hit and no ray has passed.
+
+        A scan shows new things where the robot has driven on: they speak neither for a place nor against it.
+        """
+        unknown = (self._passes == 0) & (self._hits == 0)
+        rows, columns = self._raster.shape
+        index = (np.arange(max(rows, columns)) * (self._config.raster_m / FREE_CELL_M)).astype(np.int64)
+        index = np.minimum(index, len(unknown) - 1)
+        return unknown[np.ix_(index[:rows], index[:columns])]
 
 
 def _thinned(points: np.ndarray, size_m: float) -> np.ndarray:

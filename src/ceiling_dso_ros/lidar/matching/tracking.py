@@ -20,12 +20,12 @@ STALE_S = 1.0  # a velocity that is older tells nothing of the next motion
 LARGEST_STEP_M, LARGEST_STEP_RAD = 1.5, 1.2  # of a search without wheels
 SURE_SIGMA_M, SURE_SIGMA_RAD = 0.05, 0.05  # of a prediction: from there, Gauss-Newton needs no search
 POOR_FIT = 0.75  # of the usual share of points that fit: what is worse is searched
-SEARCH_SCORE = 0.35
+SEARCH_SCORE = 0.5
 NOISE_FACTOR = 2.0  # of the standard deviation that the points tell: those of a submap are not independent
 LEAST_SIGMAS = np.array([0.003, 0.003, 0.001])
 LEAST_PREDICTED = np.array([0.01, 0.01, 0.005])  # of a prediction: wheels slip, and mounts are measured by hand
 RADIUS_M = (10.0, 40.0)  # of a submap
-LOST_SCANS = 10
+LOST_S = 1.0  # without a match and without wheels: then a new map is begun
 LARGEST_MOVING_SHARE = 0.6  # of the points: if more are where nothing stood, it is the pose that is wrong
 
 
@@ -119,7 +119,7 @@ class ScanTracker:
         self._usual_fit = 1.0
         self._pose, self._velocity, self._last_keyframe = np.zeros(3), np.zeros(3), np.zeros(3)
         self._has_velocity = False
-        self._lost, self._lost_sigmas = 0, np.zeros(3)  # scans in a row without a match, and what that costs
+        self._lost_s, self._lost_sigmas = 0.0, np.zeros(3)  # how long nothing has matched, and what that costs
         self._poses, self._fits, self._is_matched = np.zeros((count, 3)), np.zeros(count), np.zeros(count, bool)
         self._keyframes: List[Keyframe] = []
 
@@ -142,19 +142,20 @@ class ScanTracker:
         before = self._pose
         if match is None:
             self._pose = predicted
-            self._lost, self._lost_sigmas = self._lost + 1, np.hypot(self._lost_sigmas, sigmas)
+            self._lost_s += abs(float(self._steps_s[step]))
+            self._lost_sigmas = np.hypot(self._lost_sigmas, sigmas)
         else:
             self._pose = planar.compose(self._submaps[0].origin, match.pose)
             self._fits[scan], self._is_matched[scan] = match.fit, True
-            self._lost, self._lost_sigmas = 0, np.zeros(3)
+            self._lost_s, self._lost_sigmas = 0.0, np.zeros(3)
         self._poses[scan] = self._pose
         self._update_velocity(step, before)
         moved = planar.between(self._last_keyframe, self._pose)
         is_driven = self._is_driven[step]
-        begins_again = self._lost >= LOST_SCANS and not is_driven and len(points) > 0
+        begins_again = self._lost_s >= LOST_S and not is_driven and len(points) > 0
         if begins_again:  # somewhere else, with a map of its own
             self._submaps.clear()
-            self._lost, self._has_velocity = 0, False
+            self._lost_s, self._has_velocity = 0.0, False
         if begins_again or (self._is_far(moved) and (match is not None or is_driven)):
             covariance = (
                 np.diag(np.maximum(self._lost_sigmas, 10.0 * LEAST_SIGMAS) ** 2)
@@ -192,16 +193,16 @@ class ScanTracker:
         submap = self._submaps[0]
         local = planar.between(submap.origin, predicted)
         known = np.diag(1.0 / np.maximum(sigmas, LEAST_PREDICTED) ** 2)
-        points = submap.standing(points, local)
         is_sure = sigmas[0] < SURE_SIGMA_M and sigmas[2] < SURE_SIGMA_RAD
-        match = submap.field.align(points, local, local, known)
+        seen = submap.standing(points, local) if is_sure else points  # elsewhere, all of it would seem to move
+        match = submap.field.align(seen, local, local, known)
         if not is_sure or match.fit < POOR_FIT * self._usual_fit:
             reach_m = float(np.clip(3.0 * sigmas[0], 0.3, LARGEST_STEP_M))
             reach_rad = float(np.clip(3.0 * sigmas[2], 0.15, LARGEST_STEP_RAD))
             place = submap.field.search(points, local, reach_m, reach_rad, SEARCH_SCORE)
             if place is not None:
-                other = submap.field.align(points, place.pose, local, known)
-                match = other if other.fit > match.fit else match
+                other = submap.field.align(submap.standing(points, place.pose), place.pose, local, known)
+                match = other if other.fit > match.fit or not is_sure else match
         if match.fit < self._config.least_fit:
             return None
         self._usual_fit += 0.05 * (match.fit - self._usual_fit)
