@@ -8,16 +8,14 @@ import numpy as np
 
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.lidar.mapping.landmark_kernels import (
-    GATE,
     add_to_lines,
     choose_windows,
     count_crossings,
     fit_lines,
-    localise,
     place_points,
-    sum_groups,
     variances_within,
 )
+from ceiling_dso_ros.lidar.mapping.pose_kernels import GATE, localise, sum_groups
 from ceiling_dso_ros.lidar.scans.poses import compose
 
 LEAST_POINTS = 6  # of a landmark
