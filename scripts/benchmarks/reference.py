@@ -24,8 +24,8 @@ from ceiling_dso_ros.experiments.kept_runs import is_missing
 from ceiling_dso_ros.experiments.scanned_drive import ReferenceErrors, ScannedDrive
 from ceiling_dso_ros.io.pose_covariances import PoseCovariances
 from ceiling_dso_ros.io.trajectory import Trajectory
-from ceiling_dso_ros.lidar.scans.poses import matrices
 from ceiling_dso_ros.lidar.reference import Reference, estimate_reference
+from ceiling_dso_ros.lidar.scans.poses import matrices
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.sensors.laser import LaserModel
 
@@ -104,9 +104,7 @@ def oddities(_: int) -> Iterator[Row]:
     yield from oddity_rows()
 
 
-PARTS: Dict[str, Callable[[int], Iterator[Row]]] = {
-    part.__name__: part for part in (drives, logs, speed, oddities)
-}
+PARTS: Dict[str, Callable[[int], Iterator[Row]]] = {part.__name__: part for part in (drives, logs, speed, oddities)}
 
 
 def main() -> int:

@@ -51,7 +51,7 @@ def test_all_files_are_written(bag, reference, capsys):
     pgm = reference.with_name("reference.map.pgm").read_bytes()
     assert pgm.startswith(b"P5\n")
     columns, rows = map(int, pgm.split(b"\n", 3)[1].split())
-    assert columns > 15 / 0.05 and rows > 10 / 0.05 or rows > 15 / 0.05
+    assert (columns > 15 / 0.05 and rows > 10 / 0.05) or rows > 15 / 0.05
     yaml = reference.with_name("reference.map.yaml").read_text()
     assert "image: reference.map.pgm" in yaml and "resolution: 0.05" in yaml
     for name in ("reference.map.png", "reference.trajectory.png"):

@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
+from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.lidar.mount_check import check_mount
 from ceiling_dso_ros.lidar.scans.poses import Path, compose, expmap
-from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 STAMPS = np.arange(600, dtype=np.int64) * 100_000_000

@@ -30,4 +30,6 @@ def test_the_files_of_map_server():
     )
     # map_server: free below free_thresh of (255 - pixel) / 255, occupied above occupied_thresh
     assert (255 - FREE) / 255 < 0.196 < (255 - UNKNOWN) / 255 + 1e-3 < 0.65 < (255 - OCCUPIED) / 255
-    np.testing.assert_allclose(image.columns_rows(np.array([[-1.0, 2.5], [-0.9, 2.6]])), [[0.0, 2.0], [2.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(
+        image.columns_rows(np.array([[-1.0, 2.5], [-0.9, 2.6]])), [[0.0, 2.0], [2.0, 0.0]], atol=1e-9
+    )

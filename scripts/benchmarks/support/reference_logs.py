@@ -10,8 +10,8 @@ from support.table import Row
 from ceiling_dso_ros.io.carmen_log import CarmenLog, read_carmen_log
 from ceiling_dso_ros.io.recording import WheelSamples, WheelUnit
 from ceiling_dso_ros.io.warning_log import ignore_warning
-from ceiling_dso_ros.lidar.scans.poses import between, compose
 from ceiling_dso_ros.lidar.reference import Reference, estimate_reference
+from ceiling_dso_ros.lidar.scans.poses import between, compose
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions, wheel_motions
 
 LOGS = ("intel-corrected.log.gz", "freiburg-101-corrected.log.gz")

@@ -11,11 +11,10 @@ from ceiling_dso_ros.experiments.scanned_drive import ReferenceErrors, ScannedDr
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.reference import Reference, estimate_reference
-from ceiling_dso_ros.lidar.uncertainty import aligned_errors
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
+from ceiling_dso_ros.lidar.uncertainty import aligned_errors
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.obstacles import Obstacles
-from ceiling_dso_ros.simulation.rendering.structures import room_plan
 from ceiling_dso_ros.simulation.sensors.laser import LaserModel
 
 SEED = 110  # of those for judging

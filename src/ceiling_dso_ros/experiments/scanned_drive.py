@@ -8,12 +8,12 @@ from typing import Optional
 import numpy as np
 
 from ceiling_dso_ros.io.laser_scans import LaserScans, ScanCollector, ScanGeometry
-from ceiling_dso_ros.io.warning_log import ignore_warning
-from ceiling_dso_ros.lidar.scans.poses import matrices
-from ceiling_dso_ros.lidar.reference import Reference
-from ceiling_dso_ros.lidar.uncertainty import aligned_errors, normalised_errors
-from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions, wheel_motions
 from ceiling_dso_ros.io.trajectory import Trajectory
+from ceiling_dso_ros.io.warning_log import ignore_warning
+from ceiling_dso_ros.lidar.reference import Reference
+from ceiling_dso_ros.lidar.scans.poses import matrices
+from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions, wheel_motions
+from ceiling_dso_ros.lidar.uncertainty import aligned_errors, normalised_errors
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.obstacles import Obstacles
 from ceiling_dso_ros.simulation.recording import SimulatedRecording

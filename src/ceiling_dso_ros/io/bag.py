@@ -222,8 +222,8 @@ class BagRecording(Recording):
         mount, frames = self._contents.find_transform(base, camera)
         if mount is None:
             raise InputError(
-                f"{self.path}: tf has no {base} -> {camera}, its frames are {', '.join(frames) or 'none'}; write T_base_camera "
-                f"into {self._robot_file}, or name the frames with --base-frame and --camera-frame"
+                f"{self.path}: tf has no {base} -> {camera}, its frames are {', '.join(frames) or 'none'}; write "
+                f"T_base_camera into {self._robot_file}, or name the frames with --base-frame and --camera-frame"
             )
         return mount
 

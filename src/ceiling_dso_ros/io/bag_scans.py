@@ -82,6 +82,7 @@ def _find_mount(bag: BagContents, topic: str, base_frame: str, laser_frame: Opti
     mount, frames = bag.find_transform(base_frame, laser_frame)
     if mount is None:
         raise InputError(
-            f"{bag.path}: tf has no {base_frame} -> {laser_frame}, its frames are {', '.join(frames) or 'none'}; {remedy}"
+            f"{bag.path}: tf has no {base_frame} -> {laser_frame}, its frames are {', '.join(frames) or 'none'}; "
+            f"{remedy}"
         )
     return mount

@@ -81,16 +81,16 @@ def read_carmen_log(path: Path, warn: Callable[[str], None]) -> CarmenLog:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    size = 0
+    size, is_packed = 0, path.name.lower().endswith(".gz")
     try:
-        opened = gzip.open(path, "rb") if path.name.lower().endswith(".gz") else path.open("rb")
-        with opened as file:
+        with path.open("rb") as raw, gzip.GzipFile(fileobj=raw) if is_packed else raw as file:
             line = file.readline(LONGEST_SCAN_LINE + 1)
             while line:
                 size += len(line)
-                if len(line) > LONGEST_SCAN_LINE or size > MOST_TABLE_BYTES:
-                    what = f"a line of more than {LONGEST_SCAN_LINE}" if size <= MOST_TABLE_BYTES else MOST_TABLE_BYTES
-                    raise InputError(f"{path}: has {what} bytes; it is no log of CARMEN, or has to be split")
+                if len(line) > LONGEST_SCAN_LINE:
+                    raise InputError(f"{path}: a line has more than {LONGEST_SCAN_LINE} bytes: it is no log of CARMEN")
+                if size > MOST_TABLE_BYTES:
+                    raise InputError(f"{path}: has more than {MOST_TABLE_BYTES} bytes; split it")
                 text = line.decode("utf-8", errors="replace").strip()
                 if text and not text.startswith("#"):
                     yield text

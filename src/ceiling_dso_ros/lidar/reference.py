@@ -13,11 +13,11 @@ from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.lidar import uncertainty
 from ceiling_dso_ros.lidar.config import LidarConfig
+from ceiling_dso_ros.lidar.mapping.solution import Solution, nearest_keyframe, solve
 from ceiling_dso_ros.lidar.mount_check import MountError, check_mount
 from ceiling_dso_ros.lidar.scans.poses import Path, carried, matrices
-from ceiling_dso_ros.lidar.self_checks import Difference, backwards_against_forwards, odd_against_even
-from ceiling_dso_ros.lidar.mapping.solution import Solution, nearest_keyframe, solve
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
+from ceiling_dso_ros.lidar.self_checks import Difference, backwards_against_forwards, odd_against_even
 
 FEW_RAYS = 0.6  # share of valid rays, below which the scanner is dirty or sees glass
 UNMATCHED = 0.02  # share of scans without a pose of their own that is said

@@ -66,7 +66,9 @@ def draw_map(reference: Reference) -> MapImage:
     scans, solution = reference.scans, reference.solution
     points = ScanPoints(scans)
     motions = sweep_motions(scans, points, reference.wheels, reference.path.poses, solution.track.twists)
-    keyframes = KeyframePoints.of([points.of(scan, motions[scan]) for scan in solution.keyframes.tolist()], points.laser)
+    keyframes = KeyframePoints.of(
+        [points.of(scan, motions[scan]) for scan in solution.keyframes.tolist()], points.laser
+    )
     placed, eyes = keyframes.placed(solution.joint.poses), keyframes.eyes(solution.joint.poses)
     met = np.concatenate([placed, eyes, reference.path.poses[:, :2]])
     low, high = met.min(axis=0) - MARGIN_M, met.max(axis=0) + MARGIN_M

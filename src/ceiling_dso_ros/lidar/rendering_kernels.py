@@ -33,14 +33,14 @@ def cast_rays(
         for i in range(first[k], first[k + 1]):
             dx, dy = placed[i, 0] - eyes[k, 0], placed[i, 1] - eyes[k, 1]
             length = math.sqrt(dx * dx + dy * dy)
-            end_column = int(math.floor((placed[i, 0] - origin[0]) / cell_m))
-            end_row = int(math.floor((placed[i, 1] - origin[1]) / cell_m))
+            end_column = math.floor((placed[i, 0] - origin[0]) / cell_m)
+            end_row = math.floor((placed[i, 1] - origin[1]) / cell_m)
             steps = int(length / cell_m) + 1
             last = -1
             for step in range(steps):
                 t = step / steps
-                column = int(math.floor((eyes[k, 0] + t * dx - origin[0]) / cell_m))
-                row = int(math.floor((eyes[k, 1] + t * dy - origin[1]) / cell_m))
+                column = math.floor((eyes[k, 0] + t * dx - origin[0]) / cell_m)
+                row = math.floor((eyes[k, 1] + t * dy - origin[1]) / cell_m)
                 is_inside = row >= 0 and column >= 0 and row < rows and column < columns
                 is_end = row == end_row and column == end_column
                 if is_inside and not is_end and row * columns + column != last:

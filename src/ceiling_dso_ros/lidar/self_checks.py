@@ -12,12 +12,12 @@ from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.config import LidarConfig
 from ceiling_dso_ros.lidar.mapping.joint_solution import solve_jointly
 from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints
+from ceiling_dso_ros.lidar.mapping.solution import Solution, localise_scans, solve
 from ceiling_dso_ros.lidar.scans.poses import Path, between, carried
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
 from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_motions
-from ceiling_dso_ros.lidar.mapping.solution import Solution, localise_scans, solve
-from ceiling_dso_ros.lidar.uncertainty import aligned_errors
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
+from ceiling_dso_ros.lidar.uncertainty import aligned_errors
 
 LONGEST_STEP_S = 0.3  # between two scans: over a longer one, a pose between two others is not known well enough
 

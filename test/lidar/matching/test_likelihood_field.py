@@ -7,8 +7,8 @@ import pytest
 from ceiling_dso_ros.lidar.config import LidarConfig
 from ceiling_dso_ros.lidar.matching.likelihood_field import LikelihoodField
 from ceiling_dso_ros.lidar.matching.matching_kernels import _linearize
-from ceiling_dso_ros.lidar.scans.poses import inverse, transformed
 from ceiling_dso_ros.lidar.matching.search_kernels import NO_PLACE, place_score, search_places
+from ceiling_dso_ros.lidar.scans.poses import inverse, transformed
 
 CONFIG = LidarConfig()
 WEAK = np.eye(3) * 1e-6

@@ -17,7 +17,7 @@ NOTHING = -1  # landmark of a cell without points
 @kernel
 def cell_of(x: float, y: float, origin: np.ndarray, cell_m: float, rows: int, columns: int) -> int:
     """Index of the cell at x, y; NOTHING beyond the border, of which the outermost cells are part."""
-    column, row = int(math.floor((x - origin[0]) / cell_m)), int(math.floor((y - origin[1]) / cell_m))
+    column, row = math.floor((x - origin[0]) / cell_m), math.floor((y - origin[1]) / cell_m)
     if row < 1 or column < 1 or row >= rows - 1 or column >= columns - 1:
         return NOTHING
     return row * columns + column

@@ -102,8 +102,8 @@ class LandmarkMap:
     def sum_groups(self, keyframes: KeyframePoints, poses: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """See the kernel; sorted by landmark."""
         members, sums = sum_groups(
-            keyframes.placed(poses), keyframes.first, poses, self.landmarks, self.origin, self.cell_m, *self.shape, self.lines,
-            self.variances,
+            keyframes.placed(poses), keyframes.first, poses, self.landmarks, self.origin, self.cell_m, *self.shape,
+            self.lines, self.variances,
         )  # fmt: skip
         order = np.argsort(members[:, 1], kind="stable")
         return members[order], sums[order]
@@ -118,9 +118,7 @@ class LandmarkMap:
         )  # fmt: skip
 
 
-def find_landmarks(
-    keyframes: KeyframePoints, poses: np.ndarray, cell_m: float, smallest_sigma_m: float
-) -> LandmarkMap:
+def find_landmarks(keyframes: KeyframePoints, poses: np.ndarray, cell_m: float, smallest_sigma_m: float) -> LandmarkMap:
     """Find the lines.
 
     Args:
@@ -177,8 +175,6 @@ def _stands(
     """(cells,) bool: landmarks that several keyframes have seen, and that none has looked through."""
     found = np.zeros((len(lines), 3), np.int32)
     clear_m = max(CLEAR_M, CLEAR_SIGMAS * sigma_m)
-    count_crossings(
-        placed, keyframes.first, keyframes.eyes(poses), FOLLOWED_RAYS, *grid, lines, clear_m, found
-    )
+    count_crossings(placed, keyframes.first, keyframes.eyes(poses), FOLLOWED_RAYS, *grid, lines, clear_m, found)
     seen, ends, crossings = found.T
     return (seen >= min(FEWEST_KEYFRAMES, len(poses))) & (crossings <= LOOKED_THROUGH * (ends + crossings))

@@ -6,17 +6,16 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
-from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.config import LidarConfig
 from ceiling_dso_ros.lidar.mapping.graph import Relation, solve_graph
 from ceiling_dso_ros.lidar.mapping.joint_solution import JointSolution, solve_jointly
 from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap
 from ceiling_dso_ros.lidar.mapping.loops import LoopFinder
+from ceiling_dso_ros.lidar.matching.tracking import ScanTracker, Track, submap_radius_m
 from ceiling_dso_ros.lidar.scans.poses import Path, between, carried, logmap
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints, steady
 from ceiling_dso_ros.lidar.scans.sweep_motion import sweep_motions
-from ceiling_dso_ros.lidar.matching.tracking import ScanTracker, Track, submap_radius_m
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
 
 MOST_ROUNDS = 4

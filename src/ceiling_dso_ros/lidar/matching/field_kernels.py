@@ -35,8 +35,8 @@ def add_to_statistics(points: np.ndarray, statistics: np.ndarray, origin: np.nda
     touched = np.empty((len(points), 2), np.int32)
     used = 0
     for k in range(len(points)):
-        column = int(math.floor((points[k, 0] - origin[0]) / cell_m))
-        row = int(math.floor((points[k, 1] - origin[1]) / cell_m))
+        column = math.floor((points[k, 0] - origin[0]) / cell_m)
+        row = math.floor((points[k, 1] - origin[1]) / cell_m)
         if row < 2 or column < 2 or row >= rows - 2 or column >= columns - 2:
             continue
         x, y = points[k, 0], points[k, 1]
@@ -132,11 +132,11 @@ def stamp_raster(points: np.ndarray, raster: np.ndarray, origin: np.ndarray, cel
         sigma_m: of a point.
     """
     rows, columns = raster.shape
-    reach = int(math.ceil(2.5 * sigma_m / cell_m))
+    reach = math.ceil(2.5 * sigma_m / cell_m)
     factor = -0.5 / (sigma_m * sigma_m)
     for k in range(len(points)):
         u, v = (points[k, 0] - origin[0]) / cell_m, (points[k, 1] - origin[1]) / cell_m
-        column, row = int(math.floor(u)), int(math.floor(v))
+        column, row = math.floor(u), math.floor(v)
         if row < reach or column < reach or row >= rows - reach or column >= columns - reach:
             continue
         if raster[row, column] > 250:

@@ -17,8 +17,8 @@ def mark_hits(points: np.ndarray, hits: np.ndarray, origin: np.ndarray, cell_m: 
     """Count points (n, 2) in the cells that they are in; hits (rows, columns) uint8, changed."""
     rows, columns = hits.shape
     for k in range(len(points)):
-        column = int(math.floor((points[k, 0] - origin[0]) / cell_m))
-        row = int(math.floor((points[k, 1] - origin[1]) / cell_m))
+        column = math.floor((points[k, 0] - origin[0]) / cell_m)
+        row = math.floor((points[k, 1] - origin[1]) / cell_m)
         if row >= 0 and column >= 0 and row < rows and column < columns and hits[row, column] < MOST:
             hits[row, column] += 1
 
@@ -35,8 +35,8 @@ def mark_passes(points: np.ndarray, eye: np.ndarray, passes: np.ndarray, origin:
             continue
         sx, sy = dx * cell_m / length, dy * cell_m / length
         for step in range(steps):
-            column = int(math.floor((eye[0] + step * sx - origin[0]) / cell_m))
-            row = int(math.floor((eye[1] + step * sy - origin[1]) / cell_m))
+            column = math.floor((eye[0] + step * sx - origin[0]) / cell_m)
+            row = math.floor((eye[1] + step * sy - origin[1]) / cell_m)
             if row < 0 or column < 0 or row >= rows or column >= columns:
                 break
             if passes[row, column] < MOST:
@@ -47,12 +47,12 @@ def mark_passes(points: np.ndarray, eye: np.ndarray, passes: np.ndarray, origin:
 def in_free_space(
     points: np.ndarray, hits: np.ndarray, passes: np.ndarray, origin: np.ndarray, cell_m: float
 ) -> np.ndarray:
-    """Whether each point (n, 2) is where rays have passed, and neither its cell nor one around it was hit, (n,) bool."""
+    """Whether each point (n, 2) is where rays have passed, and no cell there or around was hit, (n,) bool."""
     rows, columns = hits.shape
     found = np.zeros(len(points), np.bool_)
     for k in range(len(points)):
-        column = int(math.floor((points[k, 0] - origin[0]) / cell_m))
-        row = int(math.floor((points[k, 1] - origin[1]) / cell_m))
+        column = math.floor((points[k, 0] - origin[0]) / cell_m)
+        row = math.floor((points[k, 1] - origin[1]) / cell_m)
         if row < 1 or column < 1 or row >= rows - 1 or column >= columns - 1:
             continue
         if passes[row, column] < FEWEST_PASSES:

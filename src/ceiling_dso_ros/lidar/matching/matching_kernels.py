@@ -84,8 +84,8 @@ def _linearize(
         px, py = points[k, 0], points[k, 1]
         rx, ry = c * px - s * py, s * px + c * py
         x, y = rx + pose[0], ry + pose[1]
-        column = int(math.floor((x - origin[0]) / cell_m))
-        row = int(math.floor((y - origin[1]) / cell_m))
+        column = math.floor((x - origin[0]) / cell_m)
+        row = math.floor((y - origin[1]) / cell_m)
         if row < 0 or column < 0 or row >= rows or column >= columns:
             continue
         cell = distributions[row, column]
