@@ -60,7 +60,7 @@ def test_scans_may_have_different_numbers_of_rays_and_come_out_of_order():
 def test_impossible_scans_are_counted_and_none_at_all_is_an_error(geometry, rays):
     scans, said = collector()
     scans.add(1, np.ones(rays), geometry)
-    with pytest.raises(InputError, match="some.bag, /scan: has no scans that can be used"):
+    with pytest.raises(InputError, match=r"some\.bag, /scan: has no scans that can be used"):
         scans.scans(np.eye(4))
     assert "1 of 1 scans are not used" in said[0]
 

@@ -81,7 +81,7 @@ def yaw_sigmas(covariances: np.ndarray) -> np.ndarray:
 
 
 def normalised_errors(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """(N,) squared Mahalanobis distances of (N, 3) errors x, y, yaw, divided by three: 1 in the mean if all is right."""
+    """(N,) squared Mahalanobis distances of (N, 3) errors x, y, yaw, over three: 1 in the mean if all is right."""
     return np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]) / 3.0
 
 

@@ -111,7 +111,7 @@ def test_relations_have_the_derivatives_of_their_error():
 
 
 def test_no_motion_of_the_whole_is_determined_and_none_is_in_the_covariance():
-    truth, joint = solved(np.random.default_rng(4), count=5)
+    _, joint = solved(np.random.default_rng(4), count=5)
     motions = gauge_motions(joint.poses)
     np.testing.assert_allclose(joint.information @ motions / np.abs(joint.information).max(), 0.0, atol=1e-4)
     assert np.isfinite(uncertainty.keyframe_covariances(joint.information, joint.poses)).all()

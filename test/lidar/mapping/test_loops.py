@@ -38,7 +38,7 @@ def test_who_comes_back_is_recognised_although_the_way_has_drifted():
         points.append(seen[np.hypot(*seen.T) < 5.0] + 0.01 * rng.standard_normal((np.sum(np.hypot(*seen.T) < 5.0), 2)))
     drifted = [truth[0]]
     for step in between(truth[:-1], truth[1:]):
-        drifted.append(compose(drifted[-1], step + (0.01, 0.005, 0.004)))
+        drifted.append(compose(drifted[-1], step + np.array([0.01, 0.005, 0.004])))
     drifted = np.array(drifted)
     way_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T)))
     finder = LoopFinder(points, points, way_m, 8.0, CONFIG)

@@ -134,6 +134,6 @@ def test_branch_and_bound_finds_what_looking_everywhere_finds(seed):
     assert score == pytest.approx(max(scores.values()))
     assert scores[angle, dx, dy] == pytest.approx(score)
     best = np.array([angle, dx, dy, 0, 2])
-    _, other_dx, other_dy, other = search_places(levels, columns, rows, np.array([11, 7]), 0.0, np.zeros(2), best)
+    _, _, _, other = search_places(levels, columns, rows, np.array([11, 7]), 0.0, np.zeros(2), best)
     rest = [s for (a, x, y), s in scores.items() if a != angle or abs(x - dx) > 2 or abs(y - dy) > 2]
     assert other == pytest.approx(max(rest))

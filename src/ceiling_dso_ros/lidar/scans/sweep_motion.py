@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How the robot moves during each scan, from poses that are known already.
 
-The difference of two poses has the noise of both, and over a tenth of a second that is a large error of a velocity. With
-wheels, only their constants come from the poses, by all of the drive at once. Without, polynomials through several poses
-are used.
+The difference of two poses has the noise of both, and over a tenth of a second that is a large error of a velocity.
+With wheels, only their constants come from the poses, by all of the drive at once. Without, polynomials through several
+poses are used.
 """
 
 from typing import Optional
