@@ -2,7 +2,7 @@
 """References from real logs, compared with the poses that others have corrected."""
 
 from pathlib import Path
-from typing import Iterator, Optional
+from typing import Iterator, Optional, Tuple
 
 import numpy as np
 from support.table import Row
@@ -57,8 +57,9 @@ def _rows(subject: str, reference: Reference, corrected: np.ndarray) -> Iterator
     yield Row(subject, "loops that are right", [int(np.count_nonzero(reference.solution.is_right))], low=1)
 
 
-def revisits(poses: np.ndarray) -> "tuple[np.ndarray, np.ndarray]":
+def revisits(poses: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Pairs of indices of poses (N, 3) that are near each other, with a long way between."""
     way_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
     away_m = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
-    return np.nonzero((away_m < NEAR_M) & (way_m[None, :] - way_m[:, None] > WAY_M))
+    first, second = np.nonzero((away_m < NEAR_M) & (way_m[None, :] - way_m[:, None] > WAY_M))
+    return first, second

@@ -32,8 +32,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "reference",
         help="a reference trajectory from the robot's 2D LiDAR",
-        description="Estimate where the robot was at each scan of its 2D LiDAR, base_link in map, and how sure that is. "
-        "Wheels are used where there are some, but they are not needed.",
+        description="Estimate where the robot was at each scan of its 2D LiDAR (base_link in map), and how sure that "
+        "is. Wheels are used where there are some, but they are not needed.",
         epilog=EPILOG,
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a log of CARMEN (.log, .clf, .gz)")

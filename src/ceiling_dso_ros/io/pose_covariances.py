@@ -78,8 +78,8 @@ def read_covariances(path: Path) -> PoseCovariances:
     matrices = np.empty((len(rows), 3, 3))
     for (i, j), column in zip(UPPER, np.array(rows).T):
         matrices[:, i, j] = matrices[:, j, i] = column
-    values = np.linalg.eigvalsh(matrices)
-    wrong = np.flatnonzero((values[:, 0] < -ROUNDING * np.maximum(values[:, 2], ROUNDING)) | (values[:, 2] <= 0.0))
+    eigenvalues = np.linalg.eigvalsh(matrices)
+    wrong = np.flatnonzero((eigenvalues[:, 0] < -ROUNDING * eigenvalues[:, 2]) | (eigenvalues[:, 2] <= 0.0))
     if len(wrong):
         raise InputError(f"{place_of_line(path, numbers[wrong[0]])}: the matrix is no covariance: it is not positive")
     return PoseCovariances(np.array(increasing_stamps(path, numbers, stamps), np.int64), matrices)

@@ -4,7 +4,7 @@
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Callable, Optional
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def sample_scans() -> LaserScans:
     return LaserScans(100_000_000 * np.arange(SCANS, dtype=np.int64), ranges, geometry, np.eye(4))
 
 
-def warm_up() -> "tuple[Reference, MapImage]":
+def warm_up() -> Tuple[Reference, MapImage]:
     """Make a reference from a few scans, and its map."""
     reference = estimate_reference(sample_scans(), None)
     return reference, draw_map(reference)

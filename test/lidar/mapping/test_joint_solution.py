@@ -128,7 +128,7 @@ def test_a_scan_is_localised_between_the_lines():
     expected = compose(own[None], pose[None])[0]
     assert np.abs(found.pose - expected)[:2].max() < 0.006
     assert abs(wrap(found.pose[2] - expected[2])) < 0.002
-    assert found.count > 500
+    assert found.fitting > 500
 
 
 def test_points_are_placed():

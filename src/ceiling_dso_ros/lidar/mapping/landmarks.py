@@ -65,11 +65,11 @@ class KeyframePoints:
 
 
 class Localised(NamedTuple):
-    """A scan in the map: (3,) pose, (3, 3) information of its points, how many count."""
+    """A scan in the map: (3,) pose, (3, 3) information of its points, how many fit."""
 
     pose: np.ndarray
     information: np.ndarray
-    count: int
+    fitting: int
 
 
 @dataclass(frozen=True)

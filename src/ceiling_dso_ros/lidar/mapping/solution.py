@@ -2,7 +2,7 @@
 """From scans to poses: tracking, loops, graph, then poses and map together until nothing moves."""
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -115,7 +115,7 @@ def refine(
     keyframes: np.ndarray,
     poses: np.ndarray,
     relations: Sequence[Relation],
-) -> "tuple[JointSolution, Localisation, int]":
+) -> Tuple[JointSolution, Localisation, int]:
     """Solve poses and map together, and localise all scans in the map, until no scan moves any more.
 
     Each time, scans are freed of the motion that the poses of the time before tell.

@@ -6,7 +6,7 @@ With wheels, only their constants come from the poses, by all of the drive at on
 poses are used.
 """
 
-from typing import Optional
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def _corrected(twists: np.ndarray, ahead: np.ndarray, turn: np.ndarray) -> np.nd
     return np.column_stack([pairs @ ahead, twists[:, 1], pairs @ turn])
 
 
-def _wheel_constants(stamps_ns: np.ndarray, poses: np.ndarray, wheels: WheelMotions) -> "tuple[np.ndarray, np.ndarray]":
+def _wheel_constants(stamps_ns: np.ndarray, poses: np.ndarray, wheels: WheelMotions) -> Tuple[np.ndarray, np.ndarray]:
     """(2,) factors each that make the wheels' ahead and turn those of the poses; slips count little."""
     index = np.unique(np.append(np.arange(0, len(poses), STRIDE), len(poses) - 1))
     from_ns, to_ns = stamps_ns[index[:-1]], stamps_ns[index[1:]]
