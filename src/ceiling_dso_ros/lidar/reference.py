@@ -146,6 +146,9 @@ def estimate_reference(
     own = np.linalg.inv(located.informations + located.priors)
     of_keyframes = uncertainty.keyframe_covariances(joint.information, joint.poses)
     covariances = uncertainty.scan_covariances(of_keyframes, own[solution.keyframes], nearest, own)
+    covariances += uncertainty.unseen_covariances(
+        seconds(scans.stamps_ns - scans.stamps_ns[0]), located.informations, _is_driven(scans, wheels)
+    )
     odd_even = backwards = None
     if check_itself:
         odd_even = odd_against_even(scans, wheels, config, solution)
@@ -155,6 +158,14 @@ def estimate_reference(
     reference = Reference(path, covariances, scans, wheels, solution, odd_even, backwards, mount, warnings)
     _look_at_result(reference, tell)
     return reference
+
+
+def _is_driven(scans: LaserScans, wheels: Optional[WheelMotions]) -> np.ndarray:
+    """(N,) bool: scans to which and from which the wheels tell the motion."""
+    if wheels is None:
+        return np.zeros(len(scans), bool)
+    covered = wheels.covers(scans.stamps_ns[:-1], scans.stamps_ns[1:])
+    return np.append(True, covered) & np.append(covered, True)
 
 
 def _look_at_scans(scans: LaserScans, tell: Callable[[str], None]) -> None:

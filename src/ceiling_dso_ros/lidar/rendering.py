@@ -19,6 +19,7 @@ MARGIN_M = 1.0
 OCCUPIED_SHARE = 0.25  # of the rays that end in a cell, of all that meet it
 FEWEST_HITS = 2
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # as map_server has them
+MOST_WALLS = 99.5  # percent of the occupied pixels that a picture shows
 PICTURE_PX = 900  # the larger side of a picture, at least
 BLUE, GREEN, VERMILION = (178, 114, 0), (115, 158, 0), (0, 94, 213)  # BGR
 
@@ -87,6 +88,7 @@ def draw_map(reference: Reference) -> MapImage:
 
 def draw_trajectory(reference: Reference, map_image: MapImage) -> bytes:
     """A PNG file of the map with the trajectory: blue, and vermilion where it is least sure; the start is green."""
+    map_image = _cropped(map_image, map_image.columns_rows(reference.path.poses[:, :2]))
     factor = max(1, round(PICTURE_PX / max(map_image.pixels.shape)))
     large = cv2.resize(map_image.pixels, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     picture = cv2.cvtColor(np.where(large == UNKNOWN, 235, large).astype(np.uint8), cv2.COLOR_GRAY2BGR)
@@ -109,6 +111,21 @@ def draw_trajectory(reference: Reference, map_image: MapImage) -> bytes:
     cv2.circle(picture, start, 3 * factor, GREEN, -1, cv2.LINE_AA)
     _draw_scale(picture, factor / map_image.cell_m)
     return _png(picture)
+
+
+def _cropped(map_image: MapImage, path: np.ndarray) -> MapImage:
+    """The part with the path, (N, 2) columns and rows, and nearly all of the walls: few rays go far through windows."""
+    rows, columns = np.nonzero(map_image.pixels == OCCUPIED)
+    margin = MARGIN_M / map_image.cell_m
+    x, y = path.T
+    if len(rows):
+        x = np.append(x, np.percentile(columns, (100.0 - MOST_WALLS, MOST_WALLS)))
+        y = np.append(y, np.percentile(rows, (100.0 - MOST_WALLS, MOST_WALLS)))
+    height, width = map_image.pixels.shape
+    left, right = max(0, int(x.min() - margin)), min(width, int(x.max() + margin) + 1)
+    top, bottom = max(0, int(y.min() - margin)), min(height, int(y.max() + margin) + 1)
+    corner = (map_image.origin[0] + left * map_image.cell_m, map_image.origin[1] + (height - bottom) * map_image.cell_m)
+    return MapImage(np.ascontiguousarray(map_image.pixels[top:bottom, left:right]), corner, map_image.cell_m)
 
 
 def _draw_scale(picture: np.ndarray, pixels_per_m: float) -> None:

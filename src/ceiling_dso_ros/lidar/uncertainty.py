@@ -6,7 +6,7 @@ import numpy as np
 from ceiling_dso_ros.lidar.mapping.joint_solution import GAUGE_INFORMATION, gauge_motions
 
 CORRIDOR_RATIO = 0.03  # of the information along and across: below it, a scan tells hardly where the robot is along
-FEW_POINTS = 30  # of a scan that fit: with fewer it has hardly a pose of its own
+ANY_SPEED_M_S, ANY_ACCELERATION_M_S2 = 1.0, 1.0  # of a robot of which nothing is known
 
 
 def keyframe_covariances(information: np.ndarray, poses: np.ndarray) -> np.ndarray:
@@ -68,6 +68,37 @@ def is_corridor(informations: np.ndarray) -> np.ndarray:
     """(N,) bool: scans that tell where the robot is across, but hardly where along."""
     small, large = translation_eigenvalues(informations).T
     return small < CORRIDOR_RATIO * large
+
+
+def unseen_covariances(times_s: np.ndarray, informations: np.ndarray, is_driven: np.ndarray) -> np.ndarray:
+    """Covariances (N, 3, 3) of motion that neither scans nor wheels tell: along a corridor, or where nothing is seen.
+
+    The pose there is guessed from the velocity before. Over a stretch of T seconds it may be wrong by any acceleration,
+    a T^2 / 2, and by any speed, v T / 2, of which the smaller one counts. It counts for the whole stretch, because an
+    alignment spreads it.
+
+    Args:
+        times_s: (N,) of the scans.
+        informations: (N, 3, 3) of their points.
+        is_driven: (N,) bool, where wheels tell the motion.
+    """
+    yaw = np.maximum(informations[:, 2, 2], 1e-12)
+    cross = informations[:, :2, 2]
+    values, vectors = np.linalg.eigh(
+        informations[:, :2, :2] - cross[:, :, None] * cross[:, None, :] / yaw[:, None, None]
+    )
+    usual = float(np.median(values[:, 1]))
+    found = np.zeros((len(times_s), 3, 3))
+    for direction in range(2):
+        weak = (values[:, direction] < CORRIDOR_RATIO * usual) & ~is_driven
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], weak, [False]]).astype(np.int8)))
+        for begin, end in edges.reshape(-1, 2):
+            before_s, after_s = times_s[max(begin - 1, 0)], times_s[min(end, len(times_s) - 1)]
+            lasting_s = float(after_s - before_s)
+            sigma_m = min(0.5 * ANY_SPEED_M_S * lasting_s, 0.5 * ANY_ACCELERATION_M_S2 * lasting_s**2)
+            along = vectors[begin:end, :, direction]
+            found[begin:end, :2, :2] += sigma_m**2 * along[:, :, None] * along[:, None, :]
+    return found
 
 
 def position_sigmas(covariances: np.ndarray) -> np.ndarray:
