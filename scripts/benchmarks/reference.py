@@ -8,6 +8,7 @@ poses another method has corrected: agreement, not truth.
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Tuple
 
 import numpy as np
@@ -45,8 +46,9 @@ def config(number: int) -> SimulationConfig:
     return SimulationConfig(sequence, seed=FIRST_SEED + number, duration_s=duration_s, laser=LASER, traffic=TRAFFIC)
 
 
-def drives(count: int) -> Iterator[Row]:
+def drives(options: argparse.Namespace) -> Iterator[Row]:
     """With wheels and without; and dead reckoning judged by the reference and by the truth."""
+    count: int = options.drives
     errors: Dict[bool, List[ReferenceErrors]] = {True: [], False: []}
     differences_mm: List[float] = []
     sigmas_mm: List[float] = []
@@ -85,35 +87,41 @@ def judged(drive: ScannedDrive, reference: Reference) -> Tuple[float, float]:
     return abs(by_reference.ate_m.rmse - by_truth.ate_m.rmse), part.position_m
 
 
-def logs(_: int) -> Iterator[Row]:
+def logs(options: argparse.Namespace) -> Iterator[Row]:
     """Real logs against their corrected poses."""
     folder = DATA / "lidar_logs"
     if not is_missing(folder):
-        yield from log_rows(folder)
+        options.out.mkdir(parents=True, exist_ok=True)
+        yield from log_rows(folder, options.out)
 
 
-def speed(_: int) -> Iterator[Row]:
+def speed(_: argparse.Namespace) -> Iterator[Row]:
     """Time of a drive with all checks, on one core, and how the memory grows with the number of scans."""
     yield from speed_rows(
         SimulationConfig("loops", seed=FIRST_SEED, duration_s=SECONDS_OF_SPEED, laser=LASER, traffic=TRAFFIC)
     )
 
 
-def oddities(_: int) -> Iterator[Row]:
+def oddities(_: argparse.Namespace) -> Iterator[Row]:
     """Glass, dirt, standing still, scans upside down, wrong mounts."""
     yield from oddity_rows()
 
 
-PARTS: Dict[str, Callable[[int], Iterator[Row]]] = {part.__name__: part for part in (drives, logs, speed, oddities)}
+PARTS: Dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
+    part.__name__: part for part in (drives, logs, speed, oddities)
+}
 
 
 def main() -> int:
     """Print one table; 1 when a limit does not hold."""
     parser = argparse.ArgumentParser(prog="scripts/bench reference", description=__doc__)
     parser.add_argument("--drives", metavar="N", type=int, default=len(DRIVES), help="default %(default)s")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("out/bench/reference"), help="for pictures of the logs' maps"
+    )
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
     options = parser.parse_args()
-    rows = [row for name in options.only for row in PARTS[name](options.drives)]
+    rows = [row for name in options.only for row in PARTS[name](options)]
     print(report(rows))
     return 0 if all(row.holds for row in rows) else 1
 

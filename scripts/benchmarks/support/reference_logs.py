@@ -11,6 +11,7 @@ from ceiling_dso_ros.io.carmen_log import CarmenLog, read_carmen_log
 from ceiling_dso_ros.io.recording import WheelSamples, WheelUnit
 from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.lidar.reference import Reference, estimate_reference
+from ceiling_dso_ros.lidar.rendering import draw_map, draw_trajectory
 from ceiling_dso_ros.lidar.scans.poses import between, compose
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions, wheel_motions
 
@@ -20,13 +21,16 @@ SCALE_DRIFT, YAW_DRIFT_RAD_M = 0.02, 0.01  # of the odometry that is added
 STEP_M, STEP_DEG, REVISIT_M = 0.03, 0.5, 0.06
 
 
-def log_rows(folder: Path) -> Iterator[Row]:
-    """Each log without odometry, and with one to which drift was added."""
+def log_rows(folder: Path, out: Path) -> Iterator[Row]:
+    """Each log without odometry, and with one to which drift was added; pictures of the maps are written to out."""
     for name in LOGS:
         log = read_carmen_log(folder / name, ignore_warning)
         for words, wheels in (("no odometry", None), ("odometry with drift", drifting(log))):
             reference = estimate_reference(log.scans, wheels, check_itself=False)
-            yield from _rows(f"{name.partition('-corrected')[0]}, {words}", reference, log.corrected)
+            subject = f"{name.partition('-corrected')[0]}, {words}"
+            yield from _rows(subject, reference, log.corrected)
+            picture = draw_trajectory(reference, draw_map(reference))
+            (out / f"{subject.replace(', ', '_').replace(' ', '_')}.png").write_bytes(picture)
 
 
 def drifting(log: CarmenLog) -> Optional[WheelMotions]:

@@ -17,7 +17,7 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.sensors.laser import LaserModel
 
 TIMES_REAL_TIME = 20.0
-REPEATS = 3
+REPEATS = 2
 MEMORY_S = (60.0, 240.0)  # lengths of two drives in the same hall
 LARGEST_GROWTH_MB_MIN = 12.0  # of a minute more: its 600 scans alone have 2.6 MB
 
