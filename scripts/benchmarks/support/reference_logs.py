@@ -8,16 +8,20 @@ import numpy as np
 from support.table import Row
 
 from ceiling_dso_ros.io.carmen_log import CarmenLog, read_carmen_log
+from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.io.recording import WheelSamples, WheelUnit
 from ceiling_dso_ros.io.warning_log import ignore_warning
+from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, find_landmarks
 from ceiling_dso_ros.lidar.reference import Reference, estimate_reference
 from ceiling_dso_ros.lidar.rendering import draw_map, draw_trajectory
 from ceiling_dso_ros.lidar.scans.poses import between, compose
+from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions, wheel_motions
 
 LOGS = ("intel-corrected.log.gz", "freiburg-101-corrected.log.gz")
 NEAR_M, WAY_M = 2.0, 50.0  # of a revisit
 SCALE_DRIFT, YAW_DRIFT_RAD_M = 0.02, 0.01  # of the odometry that is added
+LANDMARK_M, SMALLEST_SIGMA_M = 0.15, 0.002
 STEP_M, STEP_DEG, REVISIT_M = 0.03, 0.5, 0.06
 
 
@@ -29,6 +33,8 @@ def log_rows(folder: Path, out: Path) -> Iterator[Row]:
             reference = estimate_reference(log.scans, wheels, check_itself=False)
             subject = f"{name.partition('-corrected')[0]}, {words}"
             yield from _rows(subject, reference, log.corrected)
+            scatter_mm = [1e3 * _scatter_m(reference.scans, poses) for poses in (reference.path.poses, log.corrected)]
+            yield Row(subject, "scatter of the walls by these poses and by the corrected ones, mm", scatter_mm)
             picture = draw_trajectory(reference, draw_map(reference))
             (out / f"{subject.replace(', ', '_').replace(' ', '_')}.png").write_bytes(picture)
 
@@ -59,6 +65,13 @@ def _rows(subject: str, reference: Reference, corrected: np.ndarray) -> Iterator
     yield Row(subject, f"{len(first)} revisits, m in the mean", [float(apart_m.mean())], REVISIT_M)
     yield Row(subject, "the same, the worst", [float(apart_m.max())])
     yield Row(subject, "loops that are right", [int(np.count_nonzero(reference.solution.is_right))], low=1)
+
+
+def _scatter_m(scans: LaserScans, poses: np.ndarray) -> float:
+    """Standard deviation of the points of all scans across the walls that they make."""
+    points = ScanPoints(scans)
+    parts = [points.of(scan, np.zeros((2, 3))) for scan in range(len(scans))]
+    return find_landmarks(KeyframePoints.of(parts, points.laser), poses, LANDMARK_M, SMALLEST_SIGMA_M).sigma_m
 
 
 def revisits(poses: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
