@@ -103,7 +103,8 @@ def solve(scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig
         last = len(order) - 1
         relations = [Relation(last - r.first, last - r.second, r.moved, r.covariance) for r in relations]
     keyframes = np.array(order)
-    refined = refine(scans, wheels, config, track, keyframes, poses, relations)
+    most_rounds = 1 if backwards else MOST_ROUNDS  # the other way is but a check
+    refined = refine(scans, wheels, config, track, keyframes, poses, relations, most_rounds)
     return Solution(track, keyframes, *refined[:2], loops, is_right, relations, refined[2])
 
 
@@ -115,6 +116,7 @@ def refine(
     keyframes: np.ndarray,
     poses: np.ndarray,
     relations: Sequence[Relation],
+    most_rounds: int = MOST_ROUNDS,
 ) -> Tuple[JointSolution, Localisation, int]:
     """Solve poses and map together, and localise all scans in the map, until no scan moves any more.
 
@@ -133,7 +135,7 @@ def refine(
         guess = carried(Path(scans.stamps_ns[keyframes], poses), shape, scans.stamps_ns)
         priors = _priors(scans, wheels, keyframes, guess)
         located = localise_scans(points, motions, joint.landmark_map, guess, priors, np.arange(len(scans)))
-        if rounds == MOST_ROUNDS or (before is not None and _is_still(before, located.poses, config)):
+        if rounds == most_rounds or (before is not None and _is_still(before, located.poses, config)):
             return joint, located, rounds
         before = located.poses
         motions = sweep_motions(scans, points, wheels, located.poses, track.twists)
