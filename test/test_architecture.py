@@ -62,7 +62,7 @@ LIBRARIES = {
     **dict.fromkeys(ROS, ("ros",)),
     "evo": (),
     "filterpy": ("fusion",),
-    "gtsam": ("fusion", "slam"),
+    "gtsam": ("fusion", "slam", "lidar"),
     "gtsam_unstable": ("fusion", "slam"),
     "matplotlib": ("evaluation",),
     "omegaconf": ("settings",),
@@ -74,7 +74,7 @@ LIBRARIES_OF_DSO = ("numpy", "numba", "llvmlite")
 LONGEST_FILE = 350  # lines; a longer one gives its reason in a line of its docstring that begins with LONG_BECAUSE
 LONG_BECAUSE = "Long because"
 LARGEST_ROOM = 12  # files
-WITH_ROOMS = ("dso", "simulation")
+WITH_ROOMS = ("dso", "lidar", "simulation")
 
 FILES = sorted(SOURCE.rglob("*.py"))
 NODES = sorted((ROOT / "nodes").iterdir())

@@ -4,6 +4,8 @@
 import pytest
 
 from ceiling_dso_ros.dso import warmup
+from ceiling_dso_ros.dso.compute import kernel_cache
+from ceiling_dso_ros.dso.compute.kernel_cache import python_tag
 
 
 def test_it_makes_enough_keyframes():
@@ -20,7 +22,7 @@ def test_it_says_when_it_did_not(monkeypatch, capsys):
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """A cache folder in which nothing is complete, and kernels that are loaded at once."""
-    monkeypatch.setattr(warmup, "_marker", lambda: tmp_path / f"kernels.{warmup._python_tag()}.today")
+    monkeypatch.setattr(warmup, "_marker", lambda: tmp_path / f"kernels.{python_tag()}.today")
     monkeypatch.setattr(warmup, "warm_up", lambda: warmup.KEYFRAMES)
     monkeypatch.setattr(warmup, "cache_folders", lambda: {tmp_path / "room"})
     (tmp_path / "room").mkdir()
@@ -28,13 +30,13 @@ def cache(tmp_path, monkeypatch):
 
 
 def test_what_is_outdated_is_removed_and_what_is_complete_stays(cache):
-    ours = [f"a.f-1.{warmup._python_tag()}.{end}" for end in ("nbi", "1.nbc")]
-    for name in (*ours, f"kernels.{warmup._python_tag()}.yesterday", "a.f-1.py27.nbi", "a.pyc"):
+    ours = [f"a.f-1.{python_tag()}.{end}" for end in ("nbi", "1.nbc")]
+    for name in (*ours, f"kernels.{python_tag()}.yesterday", "a.f-1.py27.nbi", "a.pyc"):
         (cache / name).touch()
     (cache / "room" / ours[1]).touch()
     assert warmup.main() == 0
     assert not list((cache / "room").iterdir())
-    left = {"room", f"kernels.{warmup._python_tag()}.today", "a.f-1.py27.nbi", "a.pyc"}
+    left = {"room", f"kernels.{python_tag()}.today", "a.f-1.py27.nbi", "a.pyc"}
     assert {path.name for path in cache.iterdir()} == left
     (cache / ours[0]).touch()
     assert warmup.main() == 0
@@ -43,7 +45,7 @@ def test_what_is_outdated_is_removed_and_what_is_complete_stays(cache):
 
 def test_missing_kernels_are_compiled_by_another_process(cache, monkeypatch):
     commands, told = [], []
-    monkeypatch.setattr(warmup.subprocess, "run", lambda command, **_: commands.append(command))
+    monkeypatch.setattr(kernel_cache.subprocess, "run", lambda command, **_: commands.append(command))
     warmup.load_kernels(told.append)
     assert commands[0][-1] == "ceiling_dso_ros.dso.warmup"
     assert "compiling" in told[0]

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.simulation.obstacles import Obstacles, person, vehicle
+from ceiling_dso_ros.simulation.obstacles import Obstacles, draw_traffic, person, vehicle
 from ceiling_dso_ros.simulation.rendering.structures import room_plan
 
 
@@ -36,3 +36,22 @@ def test_people_walk_back_and_forth_on_two_legs():
     apart = np.abs(np.diff(walker.centers(np.linspace(0.0, 4.0, 200)), axis=1))[:, 0]
     assert apart[:, 0].max() == pytest.approx(0.6, abs=0.01), "a step"
     np.testing.assert_allclose(apart[:, 1], 0.22)
+
+
+def test_traffic_is_drawn_by_the_seed_stays_in_the_hall_and_keeps_away_from_the_robot():
+    times = np.arange(0.0, 60.0, 0.1)
+    robot = np.column_stack([5.0 * np.sin(0.1 * times), 3.0 * np.cos(0.1 * times)])
+    drawn = [draw_traffic(np.random.default_rng(seed), (21.0, 15.0), 12, times, robot) for seed in (0, 0, 1)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert len(drawn[0]) == 12
+    assert len({mover.radius_m for mover in drawn[0]}) == 2, "people and vehicles"
+    for mover in drawn[0]:
+        places = mover.centers(times)
+        assert (np.abs(places) < (10.5, 7.5)).all()
+        assert np.ptp(places.reshape(-1, 2), axis=0).max() > 2.0
+        assert (np.linalg.norm(places - robot[:, None], axis=-1) - mover.radius_m).min() > 0.7
+
+
+def test_where_the_robot_leaves_no_room_there_is_less_traffic():
+    everywhere = np.random.default_rng(0).uniform((-3.0, -2.0), (3.0, 2.0), (4000, 2))
+    assert draw_traffic(np.random.default_rng(0), (6.0, 4.0), 3, np.arange(4000) * 0.1, everywhere) == ()

@@ -5,8 +5,16 @@ import argparse
 import json
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Sequence
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Sequence, Set, Tuple
 
+from ceiling_dso_ros.cli.evaluation_references import (
+    OF_THE_BASE,
+    add_reference_options,
+    base_reference,
+    camera_reference,
+    read_reference_sigma,
+    reference_of,
+)
 from ceiling_dso_ros.cli.outputs import require_output_folder
 from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError
@@ -14,13 +22,13 @@ from ceiling_dso_ros.io.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
+    from ceiling_dso_ros.evaluation.reference_sigma import ReferencePart
     from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
     from ceiling_dso_ros.evaluation.time_offset import TimeOffset
     from ceiling_dso_ros.io.trajectory import Trajectory
 
 # File -> alignment. The camera alone has no metric scale; trajectories with wheels are metric and planar.
 TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
-OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
 NUMBERS = "evaluation.json"
 FARTHEST_S = 4 * 10**9  # from a clock that begins with zero to that of any computer
 
@@ -33,16 +41,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         description="Compare DIR/*.tum with a reference; print the errors, write evaluation.json and figures to DIR.",
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="folder written by `run --out`")
-    parser.add_argument(
-        "--reference", metavar="GT.tum", type=Path, required=True, help="TUM trajectory of the camera, metres"
-    )
-    parser.add_argument(
-        "--base-reference",
-        metavar="GT.tum",
-        type=Path,
-        help="TUM trajectory of base_link, metres, for wheel.tum, fused.tum and fused_smoothed.tum (default: "
-        "GT_base.tum beside --reference GT.tum if it exists, else --reference itself)",
-    )
+    add_reference_options(parser)
     parser.add_argument(
         "--align",
         choices=("auto", "sim3", "se3", "se2", "sim2"),
@@ -81,6 +80,7 @@ def execute(options: argparse.Namespace) -> None:
         OutputError: some files cannot be written; the others are, and the errors are printed.
     """
     from ceiling_dso_ros.evaluation.figures import FILES, figure_writers
+    from ceiling_dso_ros.evaluation.reference_sigma import reference_part
     from ceiling_dso_ros.evaluation.report import tables
     from ceiling_dso_ros.evaluation.time_offset import estimate_time_offset
     from ceiling_dso_ros.io.replacing import replace_file, write_each
@@ -90,13 +90,16 @@ def execute(options: argparse.Namespace) -> None:
     trajectories = _find_trajectories(options.directory)
     out = options.out or options.directory
     require_output_folder(out, [NUMBERS, *FILES])
+    sigma = read_reference_sigma(options)
     warnings: List[str] = []
 
     def tell(text: str) -> None:
         warnings.append(text)
         warn(text)
 
-    references = {path: read_tum(path, tell) for path in {options.reference: None, _base_reference(options): None}}
+    references = {
+        path: read_tum(path, tell) for path in {camera_reference(options): None, base_reference(options): None}
+    }
     estimates: Dict[str, Trajectory] = {}
     evaluations: List[TrajectoryEvaluation] = []
     left_out: Dict[str, InputError] = {}
@@ -114,17 +117,19 @@ def execute(options: argparse.Namespace) -> None:
     offsets: Dict[str, TimeOffset] = {}
     if options.time_offset is None:
         offsets = {
-            name: estimate_time_offset(estimate, references[_reference_of(name, options)])
+            name: estimate_time_offset(estimate, references[reference_of(name, options)])
             for name, estimate in estimates.items()
         }
     _warn_of_offsets(offsets, options, tell)
+    parts = [] if sigma is None else [reference_part(each, sigma) for each in evaluations]
     numbers = {
-        "reference": str(options.reference),
-        "base_reference": str(_base_reference(options)),
+        "reference": str(camera_reference(options)),
+        "base_reference": str(base_reference(options)),
         "max_difference_s": options.max_difference,
         "interpolated": options.interpolate,
         "time_offset_s": (options.time_offset or 0) / NANOSECONDS,
         "trajectories": {each.name: each.numbers() for each in evaluations},
+        "reference_sigma": {part.name: part.numbers() for part in parts},
         "time_offsets": {name: offset.numbers() for name, offset in offsets.items()},
         "left_out": {name: str(reason) for name, reason in left_out.items()},
         "warnings": warnings,
@@ -134,8 +139,10 @@ def execute(options: argparse.Namespace) -> None:
     try:
         write_each(out, {NUMBERS: lambda path: replace_file(path, content, "the numbers"), **figures})
     finally:
-        print(tables(evaluations))
+        print(tables(evaluations, _doubtful_lengths(parts)))
         _print_details(evaluations, offsets, options)
+        for line in _of_the_reference(parts):
+            print(line)
 
 
 def _evaluate(
@@ -144,7 +151,7 @@ def _evaluate(
     from ceiling_dso_ros.evaluation.alignment import AlignmentKind
     from ceiling_dso_ros.evaluation.report import EvaluationError, evaluate_trajectory
 
-    path = _reference_of(name, options)
+    path = reference_of(name, options)
     kind = AlignmentKind(TRAJECTORIES[name] if options.align == "auto" else options.align)
     try:
         return evaluate_trajectory(name, estimate, references[path], kind, options.max_difference, options.interpolate)
@@ -168,11 +175,11 @@ def _warn_of_offsets(
     offsets: Mapping[str, "TimeOffset"], options: argparse.Namespace, tell: Callable[[str], None]
 ) -> None:
     """One line for each reference whose clock is not that of the trajectories."""
-    for path in {_reference_of(name, options): None for name in offsets}:
+    for path in {reference_of(name, options): None for name in offsets}:
         found = {
             name: offset
             for name, offset in offsets.items()
-            if offset.significant and _reference_of(name, options) == path
+            if offset.significant and reference_of(name, options) == path
         }
         if found:
             best = min(found.values(), key=lambda offset: offset.sigma_s)
@@ -193,9 +200,27 @@ def _print_details(
         print(f"{name}: time offset of the reference {'not known: ' if offset.unknown else ''}{offset}")
     names: Dict[Path, List[str]] = {}
     for each in evaluations:
-        names.setdefault(_reference_of(each.name, options), []).append(each.name)
+        names.setdefault(reference_of(each.name, options), []).append(each.name)
     for path, compared in names.items():
         print(f"{', '.join(compared)}: against {path}")
+
+
+def _doubtful_lengths(parts: Sequence["ReferencePart"]) -> Set[Tuple[str, float]]:
+    """Name and length of the relative errors for which the reference is not good enough."""
+    return {(part.name, each.length_m) for part in parts for each in part.relative if not each.good_enough}
+
+
+def _of_the_reference(parts: Sequence["ReferencePart"]) -> List[str]:
+    """How sure the reference is, and which trajectories it tells apart."""
+    from ceiling_dso_ros.evaluation.reference_sigma import ranking
+
+    lines = [line for part in parts for line in part.describe()]
+    for body in (True, False):
+        ranks = ranking([part for part in parts if (part.name in OF_THE_BASE) == body])
+        if sum(map(len, ranks)) > 1:
+            text = " < ".join(" = ".join(rank) for rank in ranks)
+            lines.append(f"ATE, the best first: {text} (=: the reference does not tell them apart)")
+    return lines
 
 
 def _drawn(
@@ -204,18 +229,8 @@ def _drawn(
     """Positions of each reference that is used, within the time of the estimates, (M, 3)."""
     start_ns = min(estimate.stamps_ns[0] for estimate in estimates.values())
     end_ns = max(estimate.stamps_ns[-1] for estimate in estimates.values())
-    used = [references[path] for path in {_reference_of(name, options): None for name in estimates}]
+    used = [references[path] for path in {reference_of(name, options): None for name in estimates}]
     return [each.positions[(each.stamps_ns >= start_ns) & (each.stamps_ns <= end_ns)] for each in used]
-
-
-def _reference_of(name: str, options: argparse.Namespace) -> Path:
-    return _base_reference(options) if name in OF_THE_BASE else options.reference
-
-
-def _base_reference(options: argparse.Namespace) -> Path:
-    """The given file, else `GT_base.tum` beside the reference `GT.tum`, else the reference itself."""
-    beside = options.reference.with_name(f"{options.reference.stem}_base.tum")
-    return options.base_reference or (beside if beside.exists() else options.reference)
 
 
 def _find_trajectories(directory: Path) -> Dict[str, Path]:

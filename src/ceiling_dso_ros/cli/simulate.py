@@ -48,6 +48,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--event", metavar="EVENT", action="append", default=[], help="see below; may be repeated")
     _add_camera_options(parser.add_argument_group("camera"))
     _add_wheel_options(parser.add_argument_group("wheels"))
+    _add_laser_options(parser.add_argument_group("laser scanner"))
     parser.set_defaults(execute=execute)
 
 
@@ -83,6 +84,14 @@ def _add_wheel_options(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--tick-noise", metavar="X", type=float, help="reading noise, ticks (default 0.3)")
     group.add_argument("--turn-slip", metavar="X", type=float, help="share of the way, at 1 rad/s (default 0)")
+
+
+def _add_laser_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--rays", metavar="N", type=int, help="of a scan (default 541)")
+    group.add_argument("--range-noise", metavar="M", type=float, dest="range_noise_m", help="metres (default 0.01)")
+    group.add_argument(
+        "--traffic", metavar="N", type=int, default=0, help="more people and vehicles in the hall (default 0)"
+    )
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -152,6 +161,7 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
     from ceiling_dso_ros.simulation.config import SimulationConfig
     from ceiling_dso_ros.simulation.drawn import RANDOM_CEILING, draw_camera, draw_config, draw_wheels
     from ceiling_dso_ros.simulation.robot import WheelErrors
+    from ceiling_dso_ros.simulation.sensors.laser import LaserModel
 
     width, height = parse_image_size(options.size, "--size")
     camera = {"width": width, "height": height, **_given(options, CameraModel)}
@@ -163,6 +173,8 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
         "stereo": options.stereo,
         "forward": options.forward,
         "imu": options.imu,
+        "laser": LaserModel(**_given(options, LaserModel)),
+        "traffic": options.traffic,
     }
     if options.no_exposure:
         settings["exposures_told"] = False

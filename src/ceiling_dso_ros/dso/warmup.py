@@ -1,25 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compile and cache every kernel before the first run: `python3 -m ceiling_dso_ros.dso.warmup`.
+"""Compile and cache every kernel before the first run: `python3 -m ceiling_dso_ros.dso.warmup`."""
 
-A file beside the cached kernels says that they are complete. It contains a digest of all sources and of
-everything else that affects the machine code, because numba only checks the file of a kernel and not those of the
-functions that it calls.
-"""
-
-import hashlib
-import os
-import subprocess
 import sys
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Callable, Optional
 
-import llvmlite.binding as llvm
-import numba
 import numpy as np
 
-from ceiling_dso_ros.dso.compute.jit import cache_folder, cache_folders, cache_problem
+from ceiling_dso_ros.dso.compute.jit import cache_folders
+from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, remove_outdated
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
@@ -57,44 +48,16 @@ def warm_up() -> int:
 def load_kernels(tell: Callable[[str], None]) -> None:
     """Have every kernel ready.
 
-    A separate process compiles missing kernels: a process that compiles may round differently from those that load.
-
     Args:
-        tell: is called with a message before the compilation, because it takes a minute or two, and where nothing can
-            be cached.
+        tell: see `compile_if_missing`.
     """
-    if cache_problem():
-        tell(cache_problem())
-    marker = _marker()
-    if marker is not None and not marker.exists():
-        tell("compiling the kernels, which takes a minute or two the first time")
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        subprocess.run([sys.executable, "-m", __name__], env=environment, stdout=subprocess.DEVNULL, check=False)
+    compile_if_missing(_marker(), __name__, tell)
     warm_up()
 
 
 def _marker() -> Optional[Path]:
     """The file that says that the cache is complete; None where nothing can be cached."""
-    folder = cache_folder(sample)
-    if folder is None:
-        return None
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
-    for text in (sys.version, numba.__version__, llvm.get_host_cpu_name(), features):
-        digest.update(text.encode())
-    return folder / f"kernels.{_python_tag()}.{digest.hexdigest()[:16]}"
-
-
-def _python_tag() -> str:
-    return f"py{sys.version_info.major}{sys.version_info.minor}"
-
-
-def _remove_outdated(folder: Path) -> None:
-    for pattern in (f"*.{_python_tag()}.nbi", f"*.{_python_tag()}.*.nbc", f"kernels.{_python_tag()}.*"):
-        for path in folder.glob(pattern):
-            path.unlink()
+    return complete_marker(sample, Path(__file__).parent, "kernels")
 
 
 def main() -> int:
@@ -102,9 +65,7 @@ def main() -> int:
     start = time.perf_counter()
     marker = _marker()
     if marker is not None and not marker.exists():
-        for folder in {marker.parent, *cache_folders()}:
-            with suppress(OSError):  # not ours, or there is none yet
-                _remove_outdated(folder)
+        remove_outdated({marker.parent, *cache_folders()}, "kernels")
     keyframes = warm_up()
     if keyframes < KEYFRAMES:
         print("error: the warm-up sequence was not tracked, some kernels are not compiled", file=sys.stderr)

@@ -2,7 +2,7 @@
 """Evaluates trajectories against a reference and gives the results as JSON and as tables."""
 
 from dataclasses import asdict, dataclass
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import AbstractSet, Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 from tabulate import tabulate
@@ -38,6 +38,7 @@ class TrajectoryEvaluation:
         coverage: how many poses have a partner in the reference, P, and what was left out.
         alignment: the transformation of equation (14).
         aligned: (N, 4, 4) float64, all poses of the estimate after equation (15).
+        stamps_ns: (P,) int64 nanoseconds of the pairs.
         travelled_m: (P,) float64, distance along the reference up to each pair.
         position_errors_m: (P,) float64, the paper's epsilon_i.
         rotation_errors_deg: (P,) float64; None where the alignment leaves the orientation open.
@@ -48,6 +49,7 @@ class TrajectoryEvaluation:
     coverage: Coverage
     alignment: Alignment
     aligned: np.ndarray
+    stamps_ns: np.ndarray
     travelled_m: np.ndarray
     position_errors_m: np.ndarray
     rotation_errors_deg: Optional[np.ndarray]
@@ -128,6 +130,7 @@ def evaluate_trajectory(
         coverage=Coverage.of(estimate.stamps_ns, reference.stamps_ns, index, reference_index),
         alignment=alignment,
         aligned=aligned,
+        stamps_ns=estimate.stamps_ns[index],
         travelled_m=travelled_m,
         position_errors_m=position_errors(aligned[index], reference_poses, planar),
         rotation_errors_deg=(
@@ -137,10 +140,19 @@ def evaluate_trajectory(
     )
 
 
-def tables(evaluations: Sequence[TrajectoryEvaluation]) -> str:
-    """The absolute and the relative errors, one table each."""
+def tables(evaluations: Sequence[TrajectoryEvaluation], doubtful: AbstractSet[Tuple[str, float]] = frozenset()) -> str:
+    """The absolute and the relative errors, one table each.
+
+    Args:
+        evaluations: of all trajectories.
+        doubtful: name and length of relative errors that are marked with a star.
+    """
     absolute = [_absolute_row(evaluation) for evaluation in evaluations]
-    relative = [_relative_row(evaluation.name, errors) for evaluation in evaluations for errors in evaluation.relative]
+    relative = [
+        _relative_row(evaluation.name, errors, (evaluation.name, errors.length_m) in doubtful)
+        for evaluation in evaluations
+        for errors in evaluation.relative
+    ]
     return "\n\n".join(
         tabulate(rows, headers="keys", disable_numparse=True, colalign=("left", *["right"] * (len(rows[0]) - 1)))
         for rows in (absolute, relative)
@@ -164,10 +176,10 @@ def _absolute_row(evaluation: TrajectoryEvaluation) -> Dict[str, str]:
     }
 
 
-def _relative_row(name: str, errors: RelativeErrors) -> Dict[str, str]:
+def _relative_row(name: str, errors: RelativeErrors, is_doubtful: bool) -> Dict[str, str]:
     return {
         "trajectory": name,
-        "length m": f"{errors.length_m:.2f}",
+        "length m": f"{'* ' if is_doubtful else ''}{errors.length_m:.2f}",
         "parts": str(errors.count),
         "translation %": f"{errors.translation_percent.mean:.3f}",
         "rotation deg/m": f"{errors.rotation_deg_per_m.mean:.4f}",

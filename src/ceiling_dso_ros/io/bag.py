@@ -9,7 +9,8 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.io.bag_reader import RawMessage, open_bag, read_first_and_last, read_messages
+from ceiling_dso_ros.io.bag_contents import BagContents
+from ceiling_dso_ros.io.bag_reader import RawMessage, read_first_and_last, read_messages
 from ceiling_dso_ros.io.bag_wheels import BagWheels
 from ceiling_dso_ros.io.camera_info import (
     calibration_from_camera_info,
@@ -33,10 +34,8 @@ from ceiling_dso_ros.io.recording import (
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
 from ceiling_dso_ros.io.stamps import format_stamp
-from ceiling_dso_ros.io.static_transforms import StaticTransforms
 from ceiling_dso_ros.io.warning_log import ignore_warning
 
-TF = "tf2_msgs/msg/TFMessage"
 TIMED_IMAGES = 20
 Moment = Tuple[int, Optional[float]]  # stamp in nanoseconds, exposure time in milliseconds
 
@@ -75,11 +74,10 @@ class BagRecording(Recording):
         self._robot_file = robot_file or self._beside(".robot.yaml")
         self._rectified = rectified
         self._warn = warn
-        with open_bag(path) as reader:
-            connections = reader.connections
-        self._types = {connection.topic: connection.msgtype for connection in connections}
+        self._contents = BagContents(path)
+        self._types = self._contents.types
         self._image_topic = self._find_image_topic()
-        self._length = sum(c.msgcount for c in connections if c.topic == self._image_topic)
+        self._length = self._contents.counts[self._image_topic]
         self._info_topic = topics.camera_info or topics.beside_image("camera_info") if camera_file is None else None
         self._image_size = self._read_image_size()
         self.calibration = self._read_camera_info() if camera_file is None else read_camera_file(camera_file)
@@ -115,7 +113,7 @@ class BagRecording(Recording):
     @cached_property
     def wheels(self) -> Optional[WheelSamples]:
         """See Recording and `BagWheels`."""
-        return BagWheels(self.path, self._types, self._topics, self._contents, self._warn).read()
+        return BagWheels(self.path, self._types, self._topics, self._contents.read, self._warn).read()
 
     @cached_property
     def robot(self) -> Optional[RobotDescription]:
@@ -177,7 +175,7 @@ class BagRecording(Recording):
         topic = self._info_topic or ""
         complaint: Optional[InputError] = None
         known: List[Dict[str, Any]] = []
-        for _, _, info in self._contents("sensor_msgs/msg/CameraInfo", topic):
+        for _, _, info in self._contents.read("sensor_msgs/msg/CameraInfo", topic):
             fields = camera_info_fields(info)
             if fields in known[-1:]:
                 continue
@@ -227,32 +225,25 @@ class BagRecording(Recording):
         # Beside the images, or asked for: what Intel's driver publishes.
         of_driver = {t for t in (asked, self._topics.beside_image("metadata")) if self._types.get(t) == METADATA}
         known: Dict[int, Optional[float]] = {}
-        for _, _, content in self._contents(METADATA, *of_driver):
+        for _, _, content in self._contents.read(METADATA, *of_driver):
             known[header_stamp_ns(content.header)] = exposure_in_metadata(content.json_data)
-        for _, _, content in self._contents("ceiling_dso_ros/msg/Exposure", *({asked} - of_driver)):
+        for _, _, content in self._contents.read("ceiling_dso_ros/msg/Exposure", *({asked} - of_driver)):
             known[header_stamp_ns(content.header)] = content.exposure_ms
         return {stamp_ns: ms for stamp_ns, ms in known.items() if ms is not None and 0.0 < ms < np.inf}
 
     def _find_mount(self) -> np.ndarray:
-        """T_base_camera (4, 4) from /tf_static, or from /tf as it first is there.
+        """T_base_camera (4, 4) from tf.
 
         Raises:
             InputError: the frames are not connected.
         """
         base, camera = self._topics.base_frame, self._topics.camera_frame or self._frame_of_images()
-        transforms = StaticTransforms(message for _, _, message in self._contents(TF, "/tf_static"))
-        moving = (message for _, _, message in self._contents(TF, "/tf"))
-        mount = transforms.lookup(base, camera)
-        while mount is None:
-            message = next(moving, None)
-            if message is None:
-                frames = ", ".join(transforms.frames) or "none"
-                raise InputError(
-                    f"{self.path}: tf has no {base} -> {camera}, its frames are {frames}; write T_base_camera into "
-                    f"{self._robot_file}, or name the frames with --base-frame and --camera-frame"
-                )
-            transforms.add(message)
-            mount = transforms.lookup(base, camera)
+        mount, frames = self._contents.find_transform(base, camera)
+        if mount is None:
+            raise InputError(
+                f"{self.path}: tf has no {base} -> {camera}, its frames are {', '.join(frames) or 'none'}; write "
+                f"T_base_camera into {self._robot_file}, or name the frames with --base-frame and --camera-frame"
+            )
         return mount
 
     def _frame_of_images(self) -> str:
@@ -265,14 +256,3 @@ class BagRecording(Recording):
             f"{self.path}: the images on {self._image_topic} do not name their frame, so tf has no pose of the camera; "
             f"name it with --camera-frame, or write T_base_camera into {self._robot_file}"
         )
-
-    def _contents(self, message_type: str, *topics: str) -> Iterator[Tuple[str, int, RosMessage]]:
-        """(topic, stamp_ns of the record, message) of all messages of some topics, none if they are not in the bag."""
-        for topic in topics:
-            if self._types.get(topic, message_type) != message_type:
-                raise InputError(f"{self.path}: topic {topic} holds {self._types[topic]} instead of {message_type}")
-        for raw in read_messages(self.path, topics):
-            try:
-                yield raw.topic, raw.stamp_ns, raw.content()
-            except FrameError as error:
-                raise InputError(f"{self.path}, {raw.topic}: {error}; leave the topic out or repair the bag") from error

@@ -16,3 +16,5 @@ MOST_JOINTS = 500  # names in joint_states
 MOST_FRAMES = 100  # from one frame of tf to another
 LARGEST_M = 1e8  # of a position, metres or VO units: further than any map projection goes, and resolved to 15 nm
 LARGEST_RAD = 1e12  # of the angle of a wheel: at 1e12 a float64 still resolves a tenth of a milliradian
+MOST_RAYS = 20_000  # of a LiDAR's scan; those with the finest resolution have a few thousand
+LONGEST_SCAN_LINE = 500_000  # bytes of a line with a scan

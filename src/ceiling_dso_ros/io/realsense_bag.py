@@ -92,7 +92,7 @@ class RealsenseRecording(BagRecording):
         """What is needed of them, by the time of recording in nanoseconds."""
         found: Dict[int, Dict[str, str]] = defaultdict(dict)
         topic = self._topics.image[: -len("data")] + "metadata"
-        for _, stamp_ns, entry in self._contents("diagnostic_msgs/msg/KeyValue", topic):
+        for _, stamp_ns, entry in self._contents.read("diagnostic_msgs/msg/KeyValue", topic):
             if entry.key in (EXPOSURE, READOUT, MIDDLE, DOMAIN):
                 found[stamp_ns][entry.key] = entry.value
         return found

@@ -16,7 +16,7 @@ from ceiling_dso_ros.io.replacing import replace_file, write_each
 from ceiling_dso_ros.io.robot_file import robot_values
 from ceiling_dso_ros.io.trajectory import write_tum
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
-from ceiling_dso_ros.simulation.sensors.laser import SCAN_ANGLES, SCAN_HZ, SCAN_RANGE_M, TIME_INCREMENT_S
+from ceiling_dso_ros.simulation.sensors.laser import SCAN_HZ, SCAN_RANGE_M
 from ceiling_dso_ros.simulation.sensors.measurements import (
     START_NS,
     CameraFrame,
@@ -86,7 +86,7 @@ class MeasurementMessages:
         nominal = world.nominal
         model = RobotModel(nominal.T_base_camera, nominal.wheel_base_m, nominal.wheel_radius_m, nominal.ticks_per_turn)
         self._bag = bag
-        self._lens = world.config.camera.lens
+        self._lens, self._laser = world.config.camera.lens, world.config.laser
         self._odometry = WheelOdometry(model, WheelConfig())
         mounts = world.robot.static_transforms()
         fitted = {*world.cameras, "laser", *(("imu",) if world.config.imu else ())}
@@ -138,9 +138,17 @@ class MeasurementMessages:
 
     @write.register
     def _(self, reading: ScanReading) -> None:
-        limits = (float(SCAN_ANGLES[0]), float(SCAN_ANGLES[-1]))
+        angles = self._laser.angles
+        limits = (float(angles[0]), float(angles[-1]))
         self._bag.laser_scan(
-            "/scan", reading.stamp_ns, "laser", reading.ranges_m, limits, SCAN_RANGE_M, 1.0 / SCAN_HZ, TIME_INCREMENT_S
+            "/scan",
+            reading.stamp_ns,
+            "laser",
+            reading.ranges_m,
+            limits,
+            SCAN_RANGE_M,
+            1.0 / SCAN_HZ,
+            self._laser.time_increment_s,
         )
 
     @write.register

@@ -53,7 +53,7 @@ class ClosedLoop(World):
         self.motion = CommandedMotion(start, NOMINAL, true, events, hall_of(config).obstacles)
         super().__init__(config, self.motion, events)
         self._encoders = EncoderPair(true, config.wheels, self.rng("wheels"))
-        self._scanner = LaserScanner(self.hall.obstacles, self.rng("scan"))
+        self._scanner = LaserScanner(self.hall.obstacles, self.rng("scan"), config.laser)
         self._frame_rng = self.rng("frames")
         self._wheel_count, self._scan_count, self._frame_count = 0, 0, 0
         self._frame_s = self._next_frame_s()

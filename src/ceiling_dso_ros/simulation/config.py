@@ -9,6 +9,7 @@ from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES
 from ceiling_dso_ros.simulation.robot import Vibration, WheelErrors
+from ceiling_dso_ros.simulation.sensors.laser import LaserModel
 
 __all__ = ["ConfigError", "SimulationConfig"]
 
@@ -25,6 +26,9 @@ class SimulationConfig:
         camera: of all images.
         wheels: differences between the real and the nominal wheels.
         vibration: of the base.
+        laser: of the scans.
+        traffic: people and vehicles that move through the hall beside those that always do, for planned drives alone:
+            they keep away from the robot.
         events: texts as `events.parse_events` takes them.
         time_offset_s: delay of the image stamps: stamp minus true time.
         exposures_told: the camera tells the exposure times.
@@ -40,6 +44,8 @@ class SimulationConfig:
     camera: CameraModel = field(default_factory=CameraModel)
     wheels: WheelErrors = field(default_factory=WheelErrors)
     vibration: Vibration = field(default_factory=Vibration)
+    laser: LaserModel = field(default_factory=LaserModel)
+    traffic: int = 0
     events: Tuple[str, ...] = ()
     time_offset_s: float = 0.0
     exposures_told: bool = True
@@ -61,4 +67,6 @@ class SimulationConfig:
         require(self.wheels.travel_noise_m >= 0.0, "wheels.travel_noise_m: must not be negative")
         require(0.0 <= self.wheels.turn_slip <= 0.2, f"wheels.turn_slip {self.wheels.turn_slip:g}: 0 to 0.2")
         require(0.0 <= self.wheels.tick_noise <= 100.0, f"wheels.tick_noise {self.wheels.tick_noise:g}: 0 to 100 ticks")
+        require(0 <= self.traffic <= 100, f"traffic {self.traffic}: 0 to 100")
+        self.laser.check()
         self.camera.check()

@@ -2,7 +2,7 @@
 """What stands and moves on the floor of a hall: a laser scanner sees it, and the robot cannot drive through it."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -49,6 +49,42 @@ def person(start: Tuple[float, float], end: Tuple[float, float], speed_m_s: floa
 def vehicle(start: Tuple[float, float], end: Tuple[float, float], speed_m_s: float = 0.8) -> Mover:
     """A round vehicle."""
     return Mover(start, end, speed_m_s, radius_m=0.4)
+
+
+WALL_M = 0.8  # that traffic keeps from the walls
+KEPT_M = 0.75  # that it keeps from the middle of the robot, which is 0.35 m wide to each side
+SHORTEST_WAY_M = 3.0
+SHARE_OF_PEOPLE = 0.6
+MOST_TRIES = 10_000
+
+
+def draw_traffic(
+    rng: np.random.Generator, size_m: Tuple[float, float], count: int, time_s: np.ndarray, robot: np.ndarray
+) -> Tuple[Mover, ...]:
+    """People and vehicles that go through a hall on straight ways drawn at random, but never into the robot.
+
+    Args:
+        rng: for the ways.
+        size_m: of the hall, around the origin.
+        count: how many; fewer where the robot leaves no room.
+        time_s: (N,) times.
+        robot: (N, 2) where the robot then is.
+    """
+    half = np.array(size_m) / 2 - WALL_M
+    movers: List[Mover] = []
+    for _ in range(MOST_TRIES):
+        if len(movers) == count:
+            break
+        start, end = rng.uniform(-half, half), rng.uniform(-half, half)
+        is_person = rng.random() < SHARE_OF_PEOPLE
+        speed = float(rng.uniform(0.7, 1.6) if is_person else rng.uniform(0.4, 1.2))
+        if np.hypot(*(end - start)) < SHORTEST_WAY_M:
+            continue
+        mover = (person if is_person else vehicle)((start[0], start[1]), (end[0], end[1]), speed)
+        away_m = np.linalg.norm(mover.centers(time_s) - robot[:, None], axis=-1) - mover.radius_m
+        if away_m.min() > KEPT_M:
+            movers.append(mover)
+    return tuple(movers)
 
 
 class FloorMap(NamedTuple):

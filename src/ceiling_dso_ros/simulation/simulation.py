@@ -14,6 +14,7 @@ from ceiling_dso_ros.simulation.camera import frame_jitter_s
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES, plan
 from ceiling_dso_ros.simulation.events import is_dropped, parse_events
+from ceiling_dso_ros.simulation.obstacles import Obstacles
 from ceiling_dso_ros.simulation.sensors.encoders import WHEEL_HZ, Encoders, read_encoders
 from ceiling_dso_ros.simulation.sensors.inertial import InertialUnit
 from ceiling_dso_ros.simulation.sensors.laser import SCAN_HZ, SWEEP_S, LaserScanner
@@ -64,6 +65,11 @@ class Simulation(World):
         return times[np.array(kept, dtype=bool)]
 
     @cached_property
+    def obstacles(self) -> Obstacles:
+        """What stands and moves on the floor."""
+        return self.obstacles_around(self._motion, self.duration_s)
+
+    @cached_property
     def encoders(self) -> Encoders:
         """All readings of the wheels."""
         times = np.arange(1, int(self.duration_s * WHEEL_HZ)) / WHEEL_HZ + 0.003
@@ -101,7 +107,10 @@ class Simulation(World):
 
     def scans(self) -> Iterator[ScanReading]:
         """All sweeps of the laser scanner."""
-        scanner = LaserScanner(self.hall.obstacles, self.rng("scan"))
+        return self.scans_of(LaserScanner(self.obstacles, self.rng("scan"), self.config.laser))
+
+    def scans_of(self, scanner: LaserScanner) -> Iterator[ScanReading]:
+        """All sweeps of a scanner."""
         for time_s in np.arange(0.05, self.duration_s - SWEEP_S, 1.0 / SCAN_HZ):
             yield ScanReading(stamp_ns(time_s), scanner.sweep(self._motion, time_s))
 

@@ -13,11 +13,14 @@ from ceiling_dso_ros.simulation.ceilings import CEILINGS
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.motion import BaseMotion
 from ceiling_dso_ros.simulation.events import Event, covered_light, flicker_factor, light_level
+from ceiling_dso_ros.simulation.obstacles import Obstacles, draw_traffic
 from ceiling_dso_ros.simulation.rendering import structures
 from ceiling_dso_ros.simulation.rendering.renderer import SAMPLE_TIMES, Renderer
 from ceiling_dso_ros.simulation.rendering.scene import Hall, Scene, build_scene
 from ceiling_dso_ros.simulation.robot import NOMINAL, Robot
 from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame, stamp_ns
+
+TRAFFIC_STEP_S = 0.1
 
 
 @lru_cache(maxsize=2)
@@ -68,6 +71,13 @@ class World:
     def hall(self) -> Hall:
         """The building."""
         return hall_of(self.config)
+
+    def obstacles_around(self, motion: BaseMotion, duration_s: float) -> Obstacles:
+        """What stands and moves on the floor; traffic keeps away from a robot that moves so for a time."""
+        hall, time_s = self.hall, np.arange(0.0, duration_s, TRAFFIC_STEP_S)
+        robot = motion.poses(time_s)[:, :2]
+        traffic = draw_traffic(self.rng("traffic"), hall.size_m, self.config.traffic, time_s, robot)
+        return replace(hall.obstacles, movers=(*hall.obstacles.movers, *traffic))
 
     @property
     def scene(self) -> Scene:

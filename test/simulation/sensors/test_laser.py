@@ -5,10 +5,11 @@ import pytest
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.obstacles import Obstacles, vehicle
 from ceiling_dso_ros.simulation.rendering.structures import room_plan
-from ceiling_dso_ros.simulation.sensors.laser import SCAN_ANGLES, SWEEP_S, LaserScanner
+from ceiling_dso_ros.simulation.sensors.laser import SWEEP_S, LaserModel, LaserScanner
 from ceiling_dso_ros.simulation.simulation import Simulation
 
 LASER_X_M = 0.28
+SCAN_ANGLES = LaserModel().angles
 
 
 class TurningOnTheSpot:
@@ -62,3 +63,26 @@ def test_a_vehicle_is_where_it_has_driven():
     assert np.isinf(before[270])
     assert beside[270] == pytest.approx(4.0, abs=0.05)
     assert back[270] == pytest.approx(4.0, abs=0.05)
+
+
+def test_a_mirror_may_turn_clockwise_and_rays_and_noise_can_be_chosen():
+    plan = room_plan(21.0, 15.0, [[3.0, 2.0, 0.5, 0.5]])
+    exact = [
+        LaserModel(rays=271, range_noise_m=0.0, lost_share=0.0, clockwise=clockwise) for clockwise in (False, True)
+    ]
+    left, right = (
+        LaserScanner(Obstacles(plan), np.random.default_rng(0), model).sweep(TurningOnTheSpot(0.0), 0.0)
+        for model in exact
+    )
+    np.testing.assert_allclose(left, right[::-1], atol=1e-9)
+    assert exact[1].angles[0] > 0.0 > exact[0].angles[0]
+    assert exact[0].time_increment_s == pytest.approx(exact[1].time_increment_s) == pytest.approx(SWEEP_S / 270)
+    noisy = LaserModel(rays=1081, range_noise_m=0.05)
+    ranges = LaserScanner(Obstacles(room_plan(21.0, 15.0)), np.random.default_rng(0), noisy).sweep(
+        TurningOnTheSpot(0.0), 0.0
+    )
+    truth = LaserScanner(
+        Obstacles(room_plan(21.0, 15.0)), np.random.default_rng(0), LaserModel(rays=1081, range_noise_m=0.0)
+    ).sweep(TurningOnTheSpot(0.0), 0.0)
+    both = np.isfinite(ranges) & np.isfinite(truth)
+    assert np.std((ranges - truth)[both]) == pytest.approx(0.05, rel=0.1)

@@ -46,7 +46,7 @@ class WheelReading(NamedTuple):
 
 
 class ScanReading(NamedTuple):
-    """One sweep of the laser scanner: ranges (541,) in metres at `laser.SCAN_ANGLES`; the stamp is the first ray's."""
+    """One sweep of the laser scanner: ranges (rays,) in metres at the angles of its model; stamped by the first ray."""
 
     stamp_ns: int
     ranges_m: np.ndarray
