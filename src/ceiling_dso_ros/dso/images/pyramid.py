@@ -2,7 +2,7 @@
 """Image pyramids in a pool of preallocated memory."""
 
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import Collection, List, Tuple
 
 import numpy as np
 
@@ -97,6 +97,6 @@ class PyramidPool:
         """Give a slot back."""
         self._free.append(slot)
 
-    def release_all(self) -> None:
-        """Give every slot back."""
-        self._free = list(range(self.buffers.shape[0]))
+    def release_all(self, kept: Collection[int] = ()) -> None:
+        """Give every slot back but those that are kept."""
+        self._free = [slot for slot in range(self.buffers.shape[0]) if slot not in kept]
