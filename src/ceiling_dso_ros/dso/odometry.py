@@ -15,6 +15,7 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.images.exposure_scale import ExposureScale
 from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.images.noise import noise_level
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool, check_trackable
 from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.keyframe_policy import KeyframeTrigger
@@ -125,7 +126,11 @@ class DirectOdometry:
                 f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
                 f"the camera has {self.camera.width}x{self.camera.height}"
             )
-        return Frame(stamp_ns, self._exposures.of(exposure_ms), self._pool.build(image), np.eye(4), np.zeros(2))
+        segment = self._segment
+        if segment.smooth is None:
+            segment.smooth = noise_level(image) > self.config.images.max_noise
+        slot = self._pool.build(image, segment.smooth)
+        return Frame(stamp_ns, self._exposures.of(exposure_ms), slot, np.eye(4), np.zeros(2))
 
     def _initialize(self, frame: Frame, prediction: Optional[CameraMotion], timer: StageTimer) -> OdometryStatus:
         """Collect frames for a first map; there is no pose before the map is accepted."""

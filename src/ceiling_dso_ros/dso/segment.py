@@ -37,6 +37,7 @@ class Segment:
         mapping: has frames traced and made keyframes.
         trigger: decides which frames become keyframes.
         history: the last frames with a pose.
+        smooth: its images are smoothed against noise; None before the first, which decides.
     """
 
     number: int
@@ -46,6 +47,7 @@ class Segment:
     mapping: MappingQueue
     trigger: KeyframeTrigger
     history: TrackHistory = field(default_factory=TrackHistory)
+    smooth: Optional[bool] = None
 
     @property
     def map(self) -> Optional[MapSnapshot]:
