@@ -66,7 +66,8 @@ class DirectOdometry:
         self._selector = PixelSelector(self._pool)
         self._tracker = FrameTracker(self._pool, self.config.tracking)
         self._exposures = ExposureScale()
-        self._first_map_check = FirstMapCheck(self.config, self._tracker)
+        self._normal: Optional[np.ndarray] = None  # of the plane in which the camera moves
+        self._first_map_check = FirstMapCheck(self.config, self._tracker, self._selector)
         self._segment = self._new_segment(number=0, first_keyframe_id=0, T_world_camera=np.eye(4))
 
     @property
@@ -89,7 +90,7 @@ class DirectOdometry:
         """
         segment, timer = self._segment, StageTimer()
         with timer.stage("pyramid"):
-            frame = self._new_frame(image, stamp_ns, exposure_ms)
+            frame = self._new_frame(image, stamp_ns, exposure_ms, prediction)
         try:
             segment.take_in_map(timer)
             if segment.map is None:
@@ -120,7 +121,9 @@ class DirectOdometry:
             return self._segment.status_without_map(stamp_ns, reason, StageTimer())
         return self._segment.status_without_pose(stamp_ns, TrackingState.RETRYING, reason, StageTimer())
 
-    def _new_frame(self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float]) -> Frame:
+    def _new_frame(
+        self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float], prediction: Optional[CameraMotion]
+    ) -> Frame:
         if image.shape != (self.camera.height, self.camera.width):
             raise ValueError(
                 f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
@@ -130,7 +133,9 @@ class DirectOdometry:
         if segment.smooth is None:
             segment.smooth = noise_level(image) > self.config.images.max_noise
         slot = self._pool.build(image, segment.smooth)
-        return Frame(stamp_ns, self._exposures.of(exposure_ms), slot, np.eye(4), np.zeros(2))
+        if prediction is not None:
+            self._normal = prediction.normal
+        return Frame(stamp_ns, self._exposures.of(exposure_ms), slot, np.eye(4), np.zeros(2), self._normal)
 
     def _initialize(self, frame: Frame, prediction: Optional[CameraMotion], timer: StageTimer) -> OdometryStatus:
         """Collect frames for a first map; there is no pose before the map is accepted."""
@@ -139,7 +144,7 @@ class DirectOdometry:
         if frames is None:
             return segment.status_without_map(frame.stamp_ns, segment.start.message, timer)
         first_map = segment.begin_map(frames, frame, timer)
-        fault = self._first_map_check.fault(first_map, [frames.first])
+        fault = self._first_map_check.fault(first_map, frames.first, frame)
         if fault is None:
             return segment.status_with_pose(frame, first_map, None, True, timer)
         segment.mapping.take_news()

@@ -53,7 +53,8 @@ def predict_camera_motion(
     # right-multiplied in the base -> left-multiplied on T in the camera
     move = se3.adjoint(np.ascontiguousarray(T @ se3.inverse(T_base_camera)))
     covariance = move @ own @ move.T
-    in_metres = CameraMotion(T, covariance, metric=True)
+    normal = np.ascontiguousarray(T_base_camera[2, :3])  # the base's z axis in the camera
+    in_metres = CameraMotion(T, covariance, metric=True, normal=normal)
     if metric or estimate is None:
         return in_metres
     return in_metres.in_unit(np.exp(estimate.log_scale), estimate.scale_sigma)

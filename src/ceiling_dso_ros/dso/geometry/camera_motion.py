@@ -2,7 +2,7 @@
 """A motion of the camera predicted by other sensors: a hypothesis for the tracking, never a measurement."""
 
 from dataclasses import dataclass, replace
-from typing import Iterator
+from typing import Iterator, Optional
 
 import numpy as np
 
@@ -20,12 +20,15 @@ class CameraMotion:
         T_start_end: (4, 4) float64 pose of the camera at the later image seen from the earlier, translation in the
             unit of the segment.
         covariance: (6, 6) float64 of (translation, rotation), a left increment on T_start_end.
+        normal: (3,) float64 unit normal, in the camera's frame, of the plane in which the camera moves; None where it
+            may move otherwise.
         metric: the translation is in metres instead, since the unit of the segment is not known to who predicts.
     """
 
     T_start_end: np.ndarray
     covariance: np.ndarray
     metric: bool = False
+    normal: Optional[np.ndarray] = None
 
     def in_unit(self, metres_per_unit: float, relative_sigma: float) -> "CameraMotion":
         """A metric motion in the unit of a segment.

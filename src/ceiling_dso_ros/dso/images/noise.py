@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Noise of an image, and its smoothing.
 
-Bilinear interpolation averages independent noise: most between the pixels, not at all on them. The photometric error of a
-point is therefore smallest where the point falls between pixels, whatever the scene shows. For noise of standard
-deviation s and a gradient g this moves the point by up to (s / g)^2 / 4 pixels, all points of an image alike. In a
-smoothed image the noise of neighbouring pixels is nearly the same, and interpolation changes it little.
+Interpolation averages independent noise: most between the pixels, not at all on them. The photometric error of a point
+is therefore smallest where the point falls between pixels, whatever the scene shows. For noise of standard deviation s
+and a gradient g this moves the point by up to (s / g)^2 / 4 pixels, all points of an image alike. In a smoothed image
+the noise of neighbouring pixels is nearly the same, and interpolation changes it little.
 """
 
 import math

@@ -15,7 +15,6 @@ from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.start.initializer import Initializer
 
-
 MORE_PARALLAX = 1.25  # times that of the last map that was not accepted, until another one is made
 
 

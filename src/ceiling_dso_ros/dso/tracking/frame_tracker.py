@@ -219,6 +219,4 @@ class FrameTracker:
         )  # fmt: skip
         covariance = observability.covariance(errors[-1])
         weakest_motion = np.sqrt(finest.u.size) * observability.motions[:, 0]
-        return TrackedFrame(
-            T, ab, errors[-1], saturated, *flows, covariance, observability.weakest, weakest_motion
-        )
+        return TrackedFrame(T, ab, errors[-1], saturated, *flows, covariance, observability.weakest, weakest_motion)
