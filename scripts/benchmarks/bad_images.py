@@ -99,8 +99,8 @@ class BadImages:
         statuses: List[OdometryStatus] = []
         for frame in self.frames(recording):
             prediction = None
-            if fusion is not None and visual.last_tracked is not None:
-                prediction = fusion.predicted_motion(visual.last_tracked, frame.stamp_ns)
+            if fusion is not None and visual.last is not None:
+                prediction = fusion.predicted_motion(visual.last, frame.stamp_ns)
             statuses.append(visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, prediction).status)
             if fusion is not None:
                 fusion.add(statuses[-1])

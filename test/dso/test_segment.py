@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso import TrackingState
+from ceiling_dso_ros.dso import CameraMotion, TrackingState
 from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS
@@ -38,9 +38,13 @@ def snapshot(stamp, keyframe_id, T_camera_world=np.eye(4), affine=(0.0, 0.0)):
     )
 
 
+FIRST_NS = -5
+
+
 def segment(number=0, mapping=None, first_keyframe_id=10):
     trigger = SimpleNamespace(fires=lambda *_: True)
-    return Segment(number, first_keyframe_id, np.eye(4), None, mapping or FakeMapping(), trigger)
+    start = SimpleNamespace(first_ns=FIRST_NS, metres_per_unit=4.0)
+    return Segment(number, first_keyframe_id, np.eye(4), start, mapping or FakeMapping(), trigger)
 
 
 def frame(stamp, T_camera_world=np.eye(4)):
@@ -57,6 +61,29 @@ def test_only_later_segments_recover(number, state):
     assert (status.state, status.segment, status.message) == (state, number, "waiting")
     assert status.T_world_camera is None
     assert status.active_points == 0
+    assert status.predict_from_ns == FIRST_NS
+
+
+def test_after_a_loss_the_next_image_is_the_first_one():
+    status = segment().status_without_pose(7, TrackingState.LOST, "dark", StageTimer())
+    assert status.predict_from_ns == 7
+
+
+def test_metres_become_the_unit_of_the_segment():
+    T = np.eye(4)
+    T[0, 3] = 0.8
+    motion = CameraMotion(T, np.diag([0.04, 0.04, 0.04, 1e-4, 1e-4, 1e-4]) ** 2, metric=True)
+    converted = segment().in_unit(motion)
+    assert converted.T_start_end[0, 3] == pytest.approx(0.2)
+    assert not converted.metric
+    sigma = np.sqrt(np.diag(converted.covariance))
+    np.testing.assert_allclose(sigma[1:3], 0.01)  # across the motion
+    assert sigma[0] == pytest.approx(np.hypot(0.01, 0.1 * 0.2))
+    assert segment().in_unit(None) is None
+    assert segment().in_unit(converted) is converted
+    unknown = segment()
+    unknown.start.metres_per_unit = None
+    assert unknown.in_unit(motion) is None
 
 
 def test_a_tracked_frame_is_told_and_remembered():

@@ -205,14 +205,32 @@ def test_prediction_needs_wheels_and_a_keyframe(loops):
     assert FusionEstimator(loops.robot).predict_camera_motion(image, image.stamp_ns + 100_000_000) is None
 
 
-def test_no_prediction_in_a_unit_that_is_not_known(loops, fused):
+def test_a_prediction_is_in_metres_while_the_unit_is_not_known(loops, fused):
     """The first images of a new segment are tracked before the fusion has a scale for it."""
     last = next(status for status in reversed(loops.statuses) if status.state is TrackingState.TRACKING)
     later_ns = last.stamp_ns + 30_000_000
-    assert fused.estimator.predict_camera_motion(last, later_ns) is not None
-    assert fused.estimator.predict_camera_motion(dataclasses.replace(last, segment=last.segment + 1), later_ns) is None
-    assert fused.estimator.predict_camera_motion(dataclasses.replace(last, state=TrackingState.LOST), later_ns) is None
+    known = fused.estimator.predict_camera_motion(last, later_ns)
+    assert not known.metric
+    for change in ({"segment": last.segment + 1}, {"state": TrackingState.LOST}):
+        metric = fused.estimator.predict_camera_motion(dataclasses.replace(last, **change), later_ns)
+        assert metric.metric
+        in_unit = metric.in_unit(fused.estimator.scale.value, fused.estimator.newest_keyframe.scale_sigma)
+        np.testing.assert_allclose(in_unit.T_start_end, known.T_start_end, atol=1e-12)
+        np.testing.assert_allclose(in_unit.covariance, known.covariance, rtol=1e-9, atol=1e-15)
     assert fused.estimator.predict_camera_motion(last, last.stamp_ns) is None
+
+
+def test_a_prediction_begins_where_the_odometry_asks_for_it(loops, fused):
+    last = next(status for status in reversed(loops.statuses) if status.state is TrackingState.TRACKING)
+    earlier_ns, later_ns = last.stamp_ns - 500_000_000, last.stamp_ns + 30_000_000
+    asked = dataclasses.replace(last, state=TrackingState.RETRYING, earlier_start_ns=earlier_ns)
+    whole = fused.estimator.predict_camera_motion(asked, later_ns).T_start_end
+    first = fused.estimator.predict_camera_motion(asked, last.stamp_ns + 1).T_start_end
+    np.testing.assert_allclose(
+        whole, first @ fused.estimator.predict_camera_motion(last, later_ns).T_start_end, atol=1e-6
+    )
+    forgotten = dataclasses.replace(asked, earlier_start_ns=last.stamp_ns - 60_000_000_000)
+    assert fused.estimator.predict_camera_motion(forgotten, later_ns) is None
 
 
 def test_a_lost_image_before_anything_else_is_no_harm(loops):

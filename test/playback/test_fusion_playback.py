@@ -90,13 +90,15 @@ def test_predicts_the_motion_in_the_unit_of_the_segment():
 
 
 @pytest.mark.parametrize("change", [{"state": TrackingState.LOST}, {"segment": 1}])
-def test_predicts_nothing_after_a_loss_and_before_the_segment_has_a_scale(change):
+def test_predicts_metres_after_a_loss_and_before_the_segment_has_a_scale(change):
     playback = FusionPlayback(wheels(10.0), robot_model(ROBOT))
     known = list(statuses(5.0))
     for status in known:
         playback.add(status)
     last = dataclasses.replace(known[-1], **change)
-    assert playback.predicted_motion(last, last.stamp_ns + 100_000_000) is None
+    motion = playback.predicted_motion(last, last.stamp_ns + 100_000_000)
+    assert motion.metric
+    np.testing.assert_allclose(motion.T_start_end[:3, 3], [0.1 * SPEED_M_S, 0.0, 0.0], atol=1e-3)
 
 
 def test_without_images_there_are_wheels_alone(tmp_path):

@@ -95,7 +95,7 @@ class Wheels:
 
     def predicted_motion(self, last, stamp_ns):
         T_last_camera = np.eye(4)
-        T_last_camera[0, 3] = seconds(stamp_ns - last.stamp_ns)
+        T_last_camera[0, 3] = seconds(stamp_ns - last.predict_from_ns)
         return CameraMotion(T_last_camera, np.zeros((6, 6)))
 
     def add(self, status):
@@ -117,12 +117,12 @@ class PredictedOdometry(FakeOdometry):
         return super().track(image, stamp_ns, exposure_ms)
 
 
-def test_the_wheels_predict_the_motion_since_the_last_pose_when_asked_to():
+def test_the_wheels_predict_the_motion_since_the_image_that_is_asked_for():
     odometry = PredictedOdometry()
     Playback(VisualRun(lambda image: image, odometry), WarningLog(print), Wheels(), predict=True).play(frames(8))
-    assert odometry.predictions[:3] == [None] * 3
-    since_pose = [prediction.T_start_end[0, 3] for prediction in odometry.predictions[3:]]
-    assert since_pose == [1.0, 1.0, 1.0, 1.0, 2.0]  # the last but one has no pose
+    assert odometry.predictions[0] is None
+    since = [prediction.T_start_end[0, 3] for prediction in odometry.predictions[1:]]
+    assert since == [1.0] * 7
 
     unasked = PredictedOdometry()
     Playback(VisualRun(lambda image: image, unasked), WarningLog(print), Wheels()).play(frames(3))

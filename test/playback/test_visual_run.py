@@ -50,9 +50,9 @@ def test_the_odometry_gets_preprocessed_images_and_their_very_stamps():
 @pytest.mark.parametrize("keep", [True, False])
 def test_the_trajectory_is_kept_when_asked_for(keep):
     run = VisualRun(lambda image: image, FakeOdometry(), keep_trajectory=keep)
-    assert run.last_tracked is None
+    assert run.last is None
     run.track(RAW, 1, None)
-    assert run.last_tracked.stamp_ns == 1
+    assert run.last.stamp_ns == 1
     assert {name: len(make()) for name, make in run.trajectories.files().items()} == dict.fromkeys(
         ("camera.tum", "camera_final.tum", "keyframes.tum"), int(keep)
     )
@@ -64,7 +64,7 @@ def test_a_restart_forgets_everything():
     run.track(RAW, 1, None)
     run.restart()
     assert odometry.resets == 1
-    assert run.last_tracked is None
+    assert run.last is None
     assert len(run.trajectories.live()) == 0
 
 
@@ -76,7 +76,7 @@ def test_an_image_that_repeats_the_last_one_has_no_pose():
     states = [run.track(image, k, None).status.state for k, image in enumerate((first, first.copy(), second, first))]
     tracking, retrying = TrackingState.TRACKING, TrackingState.RETRYING
     assert states == [tracking, retrying, tracking, tracking]
-    assert run.last_tracked.stamp_ns == 3
+    assert run.last.stamp_ns == 3
     assert len(run.trajectories.live()) == 3
 
 

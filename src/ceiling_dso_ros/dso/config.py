@@ -19,6 +19,19 @@ def require(condition: bool, message: str) -> None:
 
 
 @dataclass(frozen=True)
+class ImageConfig:
+    """What is done with an image before anything else."""
+
+    # Standard deviation in grey levels: the images of a noisier camera are smoothed. It moves the points with the
+    # smallest gradients that are selected, 7 grey levels per pixel, by up to (1.4 / 7)^2 / 4 = 0.01 pixels.
+    max_noise: float = 1.4
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        require(self.max_noise >= 0, f"images.max_noise={self.max_noise}: not negative")
+
+
+@dataclass(frozen=True)
 class WindowConfig:
     """The keyframe window and its points."""
 
@@ -169,6 +182,7 @@ class KeyframeConfig:
 class OdometryConfig:
     """All settings of `DirectOdometry`."""
 
+    images: ImageConfig = field(default_factory=ImageConfig)
     window: WindowConfig = field(default_factory=WindowConfig)
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)

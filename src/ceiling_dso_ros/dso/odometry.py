@@ -15,6 +15,7 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.images.exposure_scale import ExposureScale
 from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.images.noise import noise_level
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool, check_trackable
 from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.keyframe_policy import KeyframeTrigger
@@ -65,6 +66,7 @@ class DirectOdometry:
         self._selector = PixelSelector(self._pool)
         self._tracker = FrameTracker(self._pool, self.config.tracking)
         self._exposures = ExposureScale()
+        self._normal: Optional[np.ndarray] = None  # of the plane in which the camera moves
         self._first_map_check = FirstMapCheck(self.config, self._tracker, self._selector)
         self._segment = self._new_segment(number=0, first_keyframe_id=0, T_world_camera=np.eye(4))
 
@@ -83,20 +85,20 @@ class DirectOdometry:
             image: (height, width) float32 or uint8, undistorted and photometrically corrected, grey levels 0..255.
             stamp_ns: nanoseconds, larger than the last one's.
             exposure_ms: exposure time, None or not positive when unknown.
-            prediction: motion from the last image with a pose to this one, predicted by other sensors; None if there
-                is no prediction.
+            prediction: motion to this image from the one that the last status asks for, predicted by other sensors;
+                None if there is no prediction.
         """
         segment, timer = self._segment, StageTimer()
         with timer.stage("pyramid"):
-            frame = self._new_frame(image, stamp_ns, exposure_ms)
+            frame = self._new_frame(image, stamp_ns, exposure_ms, prediction)
         try:
             segment.take_in_map(timer)
             if segment.map is None:
                 with timer.stage("initialize"):
-                    return self._initialize(frame, timer)
+                    return self._initialize(frame, prediction, timer)
             current, reference = segment.map, segment.map.reference
             with timer.stage("track"):
-                tracked = self._find(frame, current, prediction)
+                tracked = self._find(frame, current, segment.in_unit(prediction))
             T_camera_world = tracked.T_frame_reference @ reference.T_camera_world
             frame = replace(frame, T_camera_world=T_camera_world, affine=tracked.affine)
             is_keyframe = segment.needs_keyframe(frame, tracked, reference)
@@ -119,18 +121,26 @@ class DirectOdometry:
             return self._segment.status_without_map(stamp_ns, reason, StageTimer())
         return self._segment.status_without_pose(stamp_ns, TrackingState.RETRYING, reason, StageTimer())
 
-    def _new_frame(self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float]) -> Frame:
+    def _new_frame(
+        self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float], prediction: Optional[CameraMotion]
+    ) -> Frame:
         if image.shape != (self.camera.height, self.camera.width):
             raise ValueError(
                 f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
                 f"the camera has {self.camera.width}x{self.camera.height}"
             )
-        return Frame(stamp_ns, self._exposures.of(exposure_ms), self._pool.build(image), np.eye(4), np.zeros(2))
+        segment = self._segment
+        if segment.smooth is None:
+            segment.smooth = noise_level(image) > self.config.images.max_noise
+        slot = self._pool.build(image, segment.smooth)
+        if prediction is not None:
+            self._normal = prediction.normal
+        return Frame(stamp_ns, self._exposures.of(exposure_ms), slot, np.eye(4), np.zeros(2), self._normal)
 
-    def _initialize(self, frame: Frame, timer: StageTimer) -> OdometryStatus:
+    def _initialize(self, frame: Frame, prediction: Optional[CameraMotion], timer: StageTimer) -> OdometryStatus:
         """Collect frames for a first map; there is no pose before the map is accepted."""
         segment = self._segment
-        frames = segment.start.add(frame, se3.inverse(segment.T_world_camera))
+        frames = segment.start.add(frame, se3.inverse(segment.T_world_camera), prediction)
         if frames is None:
             return segment.status_without_map(frame.stamp_ns, segment.start.message, timer)
         first_map = segment.begin_map(frames, frame, timer)
@@ -138,8 +148,11 @@ class DirectOdometry:
         if fault is None:
             return segment.status_with_pose(frame, first_map, None, True, timer)
         segment.mapping.take_news()
-        status = segment.status_without_map(frame.stamp_ns, f"the first map {fault}: starting again", timer)
-        self._segment = self._new_segment(segment.number, segment.mapping.next_keyframe_id, segment.T_world_camera)
+        after = "waiting for more parallax" if fault.more_parallax_helps else "starting again"
+        status = segment.status_without_map(frame.stamp_ns, f"the first map {fault.reason}: {after}", timer)
+        start = segment.start if fault.more_parallax_helps else None
+        next_id = segment.mapping.next_keyframe_id
+        self._segment = self._new_segment(segment.number, next_id, segment.T_world_camera, start)
         return status
 
     def _find(self, frame: Frame, current: MapSnapshot, prediction: Optional[CameraMotion]) -> TrackedFrame:
@@ -179,16 +192,20 @@ class DirectOdometry:
         self._segment = self._new_segment(segment.number + 1, segment.mapping.next_keyframe_id, segment.T_world_camera)
         return status
 
-    def _new_segment(self, number: int, first_keyframe_id: int, T_world_camera: np.ndarray) -> Segment:
-        """Begin without a map and without images."""
+    def _new_segment(
+        self, number: int, first_keyframe_id: int, T_world_camera: np.ndarray, start: Optional[MapStart] = None
+    ) -> Segment:
+        """Begin without a map, and without images but those of a start that goes on."""
         self._scheduler.discard()
-        self._pool.release_all()
+        self._pool.release_all(() if start is None else start.slots)
+        if start is None:
+            start = MapStart(self._pool, self._selector, self.camera, self.config.initialization)
         mapper = Mapper(self.camera, self.config, self._pool, self._selector, number, first_keyframe_id)
         return Segment(
             number,
             first_keyframe_id,
             T_world_camera,
-            MapStart(self._pool, self._selector, self.camera, self.config.initialization),
+            start,
             MappingQueue(mapper, self._pool, self._scheduler),
             KeyframeTrigger(self.camera, self.config.keyframe),
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.compute.stage_timer import StageTimer
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS, HostedPoints
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.mapping.keyframe_policy import KeyframeTrigger
@@ -21,6 +22,7 @@ from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.tracking.uncertainty import map_error, world_covariance
 
 KEYFRAMES_OF_FIRST_MAP = 2
+METRES_PER_UNIT_SIGMA = 0.1  # relative: of the ratio of a motion by other sensors and in the first map
 
 
 @dataclass
@@ -35,6 +37,7 @@ class Segment:
         mapping: has frames traced and made keyframes.
         trigger: decides which frames become keyframes.
         history: the last frames with a pose.
+        smooth: its images are smoothed against noise; None before the first, which decides.
     """
 
     number: int
@@ -44,11 +47,19 @@ class Segment:
     mapping: MappingQueue
     trigger: KeyframeTrigger
     history: TrackHistory = field(default_factory=TrackHistory)
+    smooth: Optional[bool] = None
 
     @property
     def map(self) -> Optional[MapSnapshot]:
         """The map as it was refined last; None while there is none."""
         return self.mapping.map
+
+    def in_unit(self, prediction: Optional[CameraMotion]) -> Optional[CameraMotion]:
+        """A predicted motion in the segment's unit; None where there is none, or metres cannot be converted."""
+        if prediction is None or not prediction.metric:
+            return prediction
+        metres_per_unit = self.start.metres_per_unit
+        return None if metres_per_unit is None else prediction.in_unit(metres_per_unit, METRES_PER_UNIT_SIGMA)
 
     def begin_map(self, frames: FirstFrames, newest: Frame, timer: StageTimer) -> MapSnapshot:
         """Make the first map.
@@ -117,7 +128,14 @@ class Segment:
         self, stamp_ns: int, state: TrackingState, message: str, timer: StageTimer
     ) -> OdometryStatus:
         """Status of a frame without a pose; the message says why."""
-        return OdometryStatus(stamp_ns, state, self.number, message=message, **self._common(timer))
+        earlier_start_ns = None
+        if state is TrackingState.RETRYING:
+            earlier_start_ns = self.history.last_ns
+        elif state is not TrackingState.LOST:  # after that, the next image begins another map
+            earlier_start_ns = self.start.first_ns
+        return OdometryStatus(
+            stamp_ns, state, self.number, message=message, earlier_start_ns=earlier_start_ns, **self._common(timer)
+        )
 
     def _map_error(self, reference: TrackingReference) -> float:
         return map_error(reference.keyframe_id - self.first_keyframe_id - (KEYFRAMES_OF_FIRST_MAP - 1))

@@ -71,6 +71,8 @@ class OdometryStatus:
         message: why there is no pose, in words; empty when tracking.
         relative_covariance: (6, 6) float64 of (translation, rotation), right-multiplied on T_keyframe_camera, so in the
             camera's own axes; None where it is unknown.
+        earlier_start_ns: stamp of the image from which the motion to the next one is to be predicted, where it is not
+            this one: the last one with a pose or, while there is no map, the first one of the map to come.
     """
 
     stamp_ns: int
@@ -90,3 +92,14 @@ class OdometryStatus:
     timing_ms: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     relative_covariance: Optional[np.ndarray] = None
+    earlier_start_ns: Optional[int] = None
+
+    @property
+    def predict_from_ns(self) -> int:
+        """Stamp of the image from which the motion to the next one is to be predicted."""
+        return self.stamp_ns if self.earlier_start_ns is None else self.earlier_start_ns
+
+    @property
+    def has_map(self) -> bool:
+        """Whether the odometry has a map after this image."""
+        return self.state in (TrackingState.TRACKING, TrackingState.RETRYING)

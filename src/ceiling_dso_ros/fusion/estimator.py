@@ -35,7 +35,6 @@ from ceiling_dso_ros.fusion.wheel_track import HORIZON_S, WheelTrack
 
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
 LONG_BASELINE_NS = nanoseconds(0.5)  # slow wheels that slip contradict images only over some time
-LONGEST_PREDICTION_S = 2.0  # the odometry gives up its map earlier, by default
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
 LONGEST_WAIT_NS = nanoseconds(HORIZON_S)  # of camera data for the wheels: what is older cannot be related to them
 
@@ -154,19 +153,24 @@ class FusionEstimator:
         return self._backend.monitor.reports
 
     def predict_camera_motion(self, last: OdometryStatus, end_ns: int) -> Optional[CameraMotion]:
-        """Motion of the camera by the wheels, from the last tracked image to a later stamp of its clock, nanoseconds.
+        """Motion of the camera by the wheels to the next image, from the one that the odometry asks for.
 
-        None if that image has no pose or lies too far back, or there is no scale for its segment yet.
+        In metres while the odometry has no map, or the scale of its segment is not known. None if that image lies too
+        far back.
+
+        Args:
+            last: status of the last image.
+            end_ns: stamp of the next image, or an earlier one; on the camera's clock.
         """
-        estimate = self._backend.estimate
-        if estimate is None or self._track.empty or end_ns <= last.stamp_ns:
+        if self._track.empty or end_ns <= last.stamp_ns:
             return None
-        if last.state is not TrackingState.TRACKING or last.segment != self.scale.segment:
+        span_ns = self._on_wheel_clock(last.predict_from_ns), self._on_wheel_clock(end_ns)
+        if span_ns[0] < self._track.start_ns:
             return None
-        if seconds(end_ns - last.stamp_ns) > LONGEST_PREDICTION_S:
-            return None
-        span_ns = self._on_wheel_clock(last.stamp_ns), self._on_wheel_clock(end_ns)
-        return predict_camera_motion(self._track, self.wheels.noise, self.robot.T_base_camera, estimate, *span_ns)
+        metric = not last.has_map or last.segment != self.scale.segment
+        return predict_camera_motion(
+            self._track, self.wheels.noise, self.robot.T_base_camera, self._backend.estimate, *span_ns, metric=metric
+        )
 
     def finish(self) -> None:
         """End of the recording: use data that still waits for a wheel sample, such as the last image's keyframe."""

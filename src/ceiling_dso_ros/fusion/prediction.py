@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Motion of the camera by the wheels: a hypothesis for the tracking of the next image."""
 
+from typing import Optional
+
 import numpy as np
 
 from ceiling_dso_ros.dso.durations import seconds
@@ -19,27 +21,30 @@ def predict_camera_motion(
     track: WheelTrack,
     noise: WheelNoise,
     T_base_camera: np.ndarray,
-    estimate: GraphEstimate,
+    estimate: Optional[GraphEstimate],
     start_ns: int,
     end_ns: int,
+    metric: bool = False,
 ) -> CameraMotion:
-    """The wheels' motion in the camera's frame and unit; after the newest sample the velocity is assumed constant.
+    """The wheels' motion in the camera's frame; after the newest sample the velocity is assumed constant.
 
     Args:
         track: the wheels.
         noise: their error model.
         T_base_camera: (4, 4) of the camera.
-        estimate: scale and constants of the wheels as known now.
+        estimate: scale and constants of the wheels as known now; None before there is one, and then metric must be set.
         start_ns: stamp of the earlier image, on the wheels' clock.
         end_ns: stamp of the later image, likewise.
+        metric: return metres instead of the unit of the scale.
     """
-    constants = np.zeros((3, 3))
-    constants[1:, 1:] = estimate.constants_covariance
+    constants = noise.constants_covariance(with_radius=False)
+    if estimate is not None:
+        constants[1:, 1:] = estimate.constants_covariance
     motion = track.motion(start_ns, min(end_ns, track.end_ns))
     if end_ns > motion.end_ns:
         further = track.newest.rate * seconds(end_ns - motion.end_ns)
         motion = noise.extend(motion, WheelStep(motion.end_ns, end_ns, further))
-    shift = motion.jacobian[:, 1:] @ estimate.constants
+    shift = np.zeros(3) if estimate is None else motion.jacobian[:, 1:] @ estimate.constants
     base = planar.lift(planar.compose(motion.pose, shift))
     own = np.diag([0.0, 0.0, WOBBLE_M, WOBBLE_RAD, WOBBLE_RAD, 0.0]) ** 2
     in_plane = [0, 1, 5]
@@ -48,8 +53,8 @@ def predict_camera_motion(
     # right-multiplied in the base -> left-multiplied on T in the camera
     move = se3.adjoint(np.ascontiguousarray(T @ se3.inverse(T_base_camera)))
     covariance = move @ own @ move.T
-    to_units = np.diag(np.repeat([np.exp(-estimate.log_scale), 1.0], 3))
-    T[:3, 3] *= np.exp(-estimate.log_scale)
-    covariance = to_units @ covariance @ to_units
-    covariance[:3, :3] += estimate.scale_sigma**2 * np.outer(T[:3, 3], T[:3, 3])
-    return CameraMotion(T, covariance)
+    normal = np.ascontiguousarray(T_base_camera[2, :3])  # the base's z axis in the camera
+    in_metres = CameraMotion(T, covariance, metric=True, normal=normal)
+    if metric or estimate is None:
+        return in_metres
+    return in_metres.in_unit(np.exp(estimate.log_scale), estimate.scale_sigma)

@@ -33,6 +33,11 @@ class WheelTrack:
         return not self._steps
 
     @property
+    def start_ns(self) -> int:
+        """Stamp from which on the motion is remembered."""
+        return self._steps[0].start_ns
+
+    @property
     def end_ns(self) -> int:
         """Stamp of the newest sample."""
         return self._steps[-1].end_ns

@@ -76,10 +76,7 @@ class FusionPlayback:
         self.estimator.add_frame(status)
 
     def predicted_motion(self, last: OdometryStatus, stamp_ns: int) -> Optional[CameraMotion]:
-        """Motion of the camera by the wheels, from the last image with a pose to the next one.
-
-        None if there is no scale for that image's segment, or it lies too far back.
-        """
+        """Motion of the camera by the wheels to the next image; see `FusionEstimator.predict_camera_motion`."""
         self._play_wheels(stamp_ns)
         return self.estimator.predict_camera_motion(last, stamp_ns)
 

@@ -137,9 +137,9 @@ class Playback:
             self._fusion.add(tracked.status)
 
     def _prediction(self, stamp_ns: int) -> Optional[CameraMotion]:
-        if not self._predict or self._fusion is None or self.visual.last_tracked is None:
+        if not self._predict or self._fusion is None or self.visual.last is None:
             return None
-        return self._fusion.predicted_motion(self.visual.last_tracked, stamp_ns)
+        return self._fusion.predicted_motion(self.visual.last, stamp_ns)
 
 
 def _trajectory_writer(make: Callable[[], Trajectory]) -> Callable[[Path], None]:

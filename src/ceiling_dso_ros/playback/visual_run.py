@@ -7,7 +7,7 @@ from typing import Callable, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import CameraMotion, DirectOdometry, OdometryConfig, OdometryStatus
 from ceiling_dso_ros.dso.compute.schedulers import SequentialScheduler
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.grey_range import GreyRange
@@ -40,7 +40,7 @@ class VisualRun:
         preprocess: converts raw images for the odometry.
         odometry: the odometry.
         trajectories: the poses so far.
-        last_tracked: status of the last image with a pose; None before the first.
+        last: status of the last image; None before the first.
     """
 
     def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, keep_trajectory: bool = True) -> None:
@@ -54,7 +54,7 @@ class VisualRun:
         self.preprocess = preprocess
         self._keep = keep_trajectory
         self.odometry = odometry
-        self.last_tracked: Optional[OdometryStatus]
+        self.last: Optional[OdometryStatus]
         self._last_image: Optional[np.ndarray]
         self._forget()
 
@@ -116,8 +116,8 @@ class VisualRun:
             image: (height, width) uint8, uint16 or float32, as it comes from the camera.
             stamp_ns: its stamp, nanoseconds.
             exposure_ms: None when unknown.
-            prediction: motion of the camera since the last image with a pose, predicted by other sensors; None if
-                there is no prediction.
+            prediction: motion of the camera since the image that the last status asks for, predicted by other sensors;
+                None if there is no prediction.
         """
         start_s = time.perf_counter()
         preprocessed = self.preprocess(image)
@@ -128,8 +128,7 @@ class VisualRun:
             status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction)
         end_s = time.perf_counter()
         timing_ms = {"undistort": 1e3 * (preprocessed_s - start_s), **status.timing_ms}
-        if status.state is TrackingState.TRACKING:
-            self.last_tracked = status
+        self.last = status
         if self._keep:
             self.trajectories.add(status)
         return TrackedImage(replace(status, timing_ms=timing_ms), preprocessed, 1e3 * (end_s - start_s))
@@ -141,7 +140,7 @@ class VisualRun:
 
     def _forget(self) -> None:
         self.trajectories = TrajectoryRecorder()
-        self.last_tracked = None
+        self.last = None
         self._last_image = None
 
     def _repeats(self, image: np.ndarray) -> bool:

@@ -147,6 +147,7 @@ def status_message(header: Header, status: OdometryStatus) -> VisualOdometryStat
         active_points=status.active_points,
         candidate_points=status.candidate_points,
         rmse=status.rmse,
+        predict_from=ros_time(status.predict_from_ns),
     )
 
 
@@ -160,6 +161,7 @@ def no_pose_message(header: Header, last: VisualOdometryStatus, message: str) ->
         candidate_points=last.candidate_points,
         message=message,
         rmse=float("nan"),
+        predict_from=last.predict_from,
     )
 
 

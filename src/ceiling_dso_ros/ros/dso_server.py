@@ -13,7 +13,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.cfg import DsoConfig
-from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryConfig, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryConfig, OdometryStatus
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
@@ -108,7 +108,6 @@ class DsoServer:
         self._dropped, self._paused = 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
         self._clock = RunClock()
-        self._last_tracked_ns: Optional[int] = None  # as stamped by the camera
         self._calibration: Optional[CameraCalibration] = None  # of the run
         self._size_complaint = ""
         self._run: Optional[VisualRun] = None  # None without a calibration
@@ -207,8 +206,6 @@ class DsoServer:
         self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
         tracked = self._run.track(image, inner_ns, self._exposures.at(stamp_ns), self._prediction(stamp_ns))
-        if tracked.status.state is TrackingState.TRACKING:
-            self._last_tracked_ns = stamp_ns
         if self._keeper.spool is not None:
             self._keeper.spool.add(tracked.status)
         status = self._with_data_stamps(tracked.status)
@@ -223,9 +220,9 @@ class DsoServer:
             self._map.publish(header, camera_frame_id, tracked.image, odometry.camera, tracked.status, points)
 
     def _prediction(self, stamp_ns: int) -> Optional[CameraMotion]:
-        if self._predictions is None or self._last_tracked_ns is None:
+        if self._predictions is None or self._status.predict_from.is_zero():
             return None
-        return self._predictions.between(self._last_tracked_ns, stamp_ns, self._status.segment)
+        return self._predictions.between(self._status.predict_from.to_nsec(), stamp_ns, self._status.segment)
 
     def _camera_frame(self, message: AnyImage) -> str:
         return self._camera_frame_id or message.header.frame_id.lstrip("/")
@@ -273,13 +270,13 @@ class DsoServer:
     def _with_data_stamps(self, status: OdometryStatus) -> OdometryStatus:
         """The status with the original stamps of the images, if the clock was set back since."""
         keyframes = tuple(replace(k, stamp_ns=self._clock.stamp_ns(k.stamp_ns)) for k in status.keyframes)
-        return replace(status, stamp_ns=self._clock.stamp_ns(status.stamp_ns), keyframes=keyframes)
+        stamp_ns, start_ns = (self._clock.stamp_ns(inner) for inner in (status.stamp_ns, status.predict_from_ns))
+        return replace(status, stamp_ns=stamp_ns, keyframes=keyframes, earlier_start_ns=start_ns)
 
     def _start_anew(self) -> None:
         if self._run is not None:
             self._run.restart()
         self._clock.reset()
-        self._last_tracked_ns = None
         self._keeper.clear()
         self._publisher.reset()
 

@@ -93,4 +93,5 @@ def prediction_message(header: Header, start_ns: int, motion: CameraMotion, segm
         motion=pose_from_matrix(motion.T_start_end),
         covariance=motion.covariance.ravel().tolist(),
         segment=segment,
+        metric=motion.metric,
     )

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 
 from ceiling_dso_ros.cfg import FusionConfig as FusionReconfigureConfig
 from ceiling_dso_ros.cfg import FusionOutputConfig
-from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso import OdometryStatus
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
@@ -134,7 +134,7 @@ class FusionServer:
         self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
         self._window: Optional[OdometryStatus] = None  # the newest
         self._wheel_frame, self._wheel_pose = "", np.zeros(3)
-        self._newest_tracked: Optional[OdometryStatus] = None
+        self._newest_status: Optional[OdometryStatus] = None
         self._publisher.reset()
         self._map.clear()
 
@@ -217,8 +217,7 @@ class FusionServer:
             self._window = status
         if not self._camera_known:  # its motion cannot be used without its mounting
             return
-        if status.state is TrackingState.TRACKING:
-            self._newest_tracked = status
+        self._newest_status = status
         for state in (self._estimator.add_keyframes(status), self._estimator.add_frame(status)):
             self._publish(state, start_s)
         if status.keyframes:
@@ -257,12 +256,12 @@ class FusionServer:
             self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
 
     def _predict(self) -> None:
-        newest, now_ns = self._newest_tracked, self._clock.last_ns
+        newest, now_ns = self._newest_status, self._clock.last_ns
         if newest is None or now_ns is None or not self._publisher.prediction_wanted:
             return
         end_ns = now_ns - self._camera_offset_ns
         motion = self._estimator.predict_camera_motion(newest, end_ns)
-        span_ns = self._clock.stamp_ns(newest.stamp_ns), self._clock.stamp_ns(end_ns)
+        span_ns = self._clock.stamp_ns(newest.predict_from_ns), self._clock.stamp_ns(end_ns)
         with publishing():
             self._publisher.publish_prediction(motion, *span_ns, newest.segment)
 

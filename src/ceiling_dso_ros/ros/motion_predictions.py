@@ -27,7 +27,7 @@ class MotionPredictions:
         self._newest = message
 
     def between(self, start_ns: int, end_ns: int, segment: int) -> Optional[CameraMotion]:
-        """Predicted motion of the camera between two image stamps, in a segment's unit; None without a prediction."""
+        """Predicted motion of the camera between two image stamps of a segment; None without a prediction."""
         message, motion = self._newest, None
         if message is not None and message.start.to_nsec() == start_ns and message.segment == segment:
             motion = stretched(message, end_ns)
@@ -51,4 +51,5 @@ def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
     except ValueError:
         return None
     stretch = wanted_ns / predicted_ns
-    return CameraMotion(se3.exp(stretch * se3.log(T_start_predicted)), stretch**2 * covariance)
+    T_start_end = se3.exp(stretch * se3.log(T_start_predicted))
+    return CameraMotion(T_start_end, stretch**2 * covariance, bool(message.metric))

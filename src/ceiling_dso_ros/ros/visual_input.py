@@ -68,6 +68,7 @@ class VisualInput:
             keyframes=self._keyframes(message.keyframes),
             rmse=message.rmse,
             message=message.message,
+            earlier_start_ns=self._clock.inner_ns(message.predict_from.to_nsec()),
         )
 
     def window(self, message: Keyframes) -> OdometryStatus:

@@ -15,7 +15,7 @@ from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.mapper import Mapper
-from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck
+from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck, image_distance
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker
 
 SURFACE = Surface(slope=(0.1, -0.1), relief=0.08, texture=SHARP)
@@ -49,7 +49,12 @@ class TwoFrames:
     def fault(self, first=None, newest=None, **limits):
         config = replace(CONFIG, initialization=replace(CONFIG.initialization, **limits))
         check = FirstMapCheck(config, FrameTracker(self.pool, config.tracking), self.selector)
-        return check.fault(self.map, first or self.first, newest or self.newest)
+        fault = check.fault(self.map, first or self.first, newest or self.newest)
+        return None if fault is None else fault.reason
+
+    def in_a_plane(self, first=None):
+        """The same, of a camera that is known to move in a plane."""
+        return self.fault(first, replace(self.newest, normal=np.array([0.0, 0.0, 1.0])))
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +86,45 @@ def test_a_first_frame_that_its_own_map_does_not_explain_is_a_fault(two_frames):
         assert "too little texture" in two_frames.fault(first=replace(two_frames.first, image_slot=slot))
     finally:
         two_frames.pool.release(slot)
+
+
+def test_a_true_map_of_a_camera_that_moves_in_a_plane_is_believed(two_frames):
+    assert two_frames.in_a_plane() is None
+
+
+def test_faint_texture_suffices_in_a_plane_as_long_as_images_are_found_again():
+    faint = TwoFrames(contrast=8.0, noise=2.0)
+    assert "too little texture" in faint.fault()
+    assert faint.in_a_plane() is None
+
+
+def test_an_image_of_noise_is_not_found_again(two_frames):
+    noise = np.random.default_rng(1).normal(120.0, 4.0, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    slot = two_frames.pool.build(noise)
+    try:
+        assert "too little texture" in two_frames.in_a_plane(first=replace(two_frames.first, image_slot=slot))
+    finally:
+        two_frames.pool.release(slot)
+
+
+@pytest.mark.parametrize("limits", [{"max_rmse": 0.01}, {"min_share": 0.99}])
+def test_a_map_that_is_wrong_is_not_waited_for(two_frames, limits):
+    config = replace(CONFIG, initialization=replace(CONFIG.initialization, **limits))
+    check = FirstMapCheck(config, FrameTracker(two_frames.pool, config.tracking), two_frames.selector)
+    assert not check.fault(two_frames.map, two_frames.first, two_frames.newest).more_parallax_helps
+
+
+def test_a_doubtful_map_is_waited_for():
+    faint = TwoFrames(contrast=8.0, noise=4.0)
+    check = FirstMapCheck(CONFIG, FrameTracker(faint.pool, CONFIG.tracking), faint.selector)
+    assert check.fault(faint.map, faint.first, faint.newest).more_parallax_helps
+
+
+def test_image_distance_is_the_shift_of_the_image(two_frames):
+    reference = two_frames.map.reference
+    tracker = FrameTracker(two_frames.pool, CONFIG.tracking)
+    T = se3.inverse(reference.T_camera_world @ two_frames.map.keyframes[0].T_world_camera)
+    found = tracker.track(two_frames.first.image_slot, 1.0, reference, [T], np.zeros(2), np.inf)
+    assert image_distance(found, found, reference) < 1e-9
+    turned = replace(found, T_frame_reference=se3.exp(np.array([0, 0, 0, 0.01, 0, 0])) @ found.T_frame_reference)
+    assert image_distance(found, turned, reference) == pytest.approx(0.01 * CAMERA.fy, rel=0.2)

@@ -7,10 +7,11 @@ from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso.config import InitializationConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.images.frame import Frame
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
-from ceiling_dso_ros.dso.start.map_start import MapStart
+from ceiling_dso_ros.dso.start.map_start import MORE_PARALLAX, MapStart
 
 SURFACE = Surface(slope=(0.1, -0.1), relief=0.15, texture=SHARP)
 STEP = np.array([0.01, 0.004, 0.0, 0.0, 0.0, 0.002])
@@ -64,3 +65,42 @@ def test_a_frame_that_cannot_be_aligned_is_the_next_first_one():
     assert session.free_slots() == SLOTS - 1
     assert session.add(3, other.render(se3.exp(STEP))) is None
     assert session.start.message == "waiting for parallax"
+
+
+def first_map(session, **settings):
+    for k in range(1, 40):
+        frames = session.add(k, **settings)
+        if frames is not None:
+            return k, frames
+    raise AssertionError("no map")
+
+
+def test_after_a_map_that_was_not_accepted_the_next_one_has_more_parallax():
+    session = Session()
+    session.add(0)
+    k, frames = first_map(session)
+    way = np.linalg.norm(frames.first_map.T_frame_first[:3, 3])
+    assert set(session.start.slots) == {frames.first.image_slot}
+    session.pool.release_all(session.start.slots)  # as when the map is not accepted
+    for later in range(k + 1, 60):
+        again = session.add(later)
+        if again is not None:
+            break
+        assert session.start.message == "waiting for parallax"
+    assert again.first.stamp_ns == 0
+    assert np.linalg.norm(again.first_map.T_frame_first[:3, 3]) >= MORE_PARALLAX * way
+
+
+def test_the_unit_is_known_from_a_motion_in_metres():
+    metres = 4.0  # to the ceiling
+    session = Session()
+    session.add(0)
+    for k in range(1, 40):
+        T = se3.inverse(se3.exp(k * STEP))
+        T[:3, 3] *= metres
+        image = SURFACE.render(se3.exp(k * STEP))
+        frame = Frame(k, 1.0, session.pool.build(image), np.eye(4), np.zeros(2))
+        if session.start.add(frame, START, CameraMotion(T, 1e-6 * np.eye(6), metric=True)) is not None:
+            break
+    assert session.start.metres_per_unit == pytest.approx(metres, rel=0.05)
+    assert session.start.first_ns == 0

@@ -6,6 +6,7 @@ from typing import Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.adjustment.linearization import Linearization
+from ceiling_dso_ros.dso.adjustment.planar_motion import add_planar_motion
 from ceiling_dso_ros.dso.compute.linear_solver import invert_positive, solve_positive
 from ceiling_dso_ros.dso.config import OptimizationConfig
 from ceiling_dso_ros.dso.geometry import se3
@@ -148,6 +149,9 @@ class BundleAdjustment:
         H = self.linearization.H + window.prior.H
         H[np.diag_indices_from(H)] += diagonal
         b = self.linearization.b + window.prior.b + window.prior.H @ window.offsets + gradient
+        if window.normal is not None:
+            poses = window.keyframes.T_camera_world[: window.count]
+            add_planar_motion(window.normal, poses, INTRINSICS, FRAME_PARAMETERS, H, b)
         step = solve(H, b)
         return step - directions @ (directions.T @ step)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A motion of the camera predicted by other sensors: a hypothesis for the tracking, never a measurement."""
 
-from dataclasses import dataclass
-from typing import Iterator
+from dataclasses import dataclass, replace
+from typing import Iterator, Optional
 
 import numpy as np
 
@@ -20,10 +20,29 @@ class CameraMotion:
         T_start_end: (4, 4) float64 pose of the camera at the later image seen from the earlier, translation in the
             unit of the segment.
         covariance: (6, 6) float64 of (translation, rotation), a left increment on T_start_end.
+        normal: (3,) float64 unit normal, in the camera's frame, of the plane in which the camera moves; None where it
+            may move otherwise.
+        metric: the translation is in metres instead, since the unit of the segment is not known to who predicts.
     """
 
     T_start_end: np.ndarray
     covariance: np.ndarray
+    metric: bool = False
+    normal: Optional[np.ndarray] = None
+
+    def in_unit(self, metres_per_unit: float, relative_sigma: float) -> "CameraMotion":
+        """A metric motion in the unit of a segment.
+
+        Args:
+            metres_per_unit: the unit of the segment.
+            relative_sigma: its standard deviation, relative.
+        """
+        T_start_end = self.T_start_end.copy()
+        T_start_end[:3, 3] /= metres_per_unit
+        to_unit = np.diag(np.repeat([1.0 / metres_per_unit, 1.0], 3))
+        covariance = to_unit @ self.covariance @ to_unit
+        covariance[:3, :3] += relative_sigma**2 * np.outer(T_start_end[:3, 3], T_start_end[:3, 3])
+        return replace(self, T_start_end=T_start_end, covariance=covariance, metric=False)
 
     def alternatives(self) -> Iterator[np.ndarray]:
         """T_start_end (4, 4) two sigma away along the wide axes of the covariance, the widest first.

@@ -2,6 +2,7 @@
 """An image and its estimates while the odometry processes it."""
 
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 
@@ -15,6 +16,7 @@ class Frame:
         exposure: on the scale of `ExposureScale`.
         image_slot: its pyramid in the pool.
         T_camera_world: (4, 4) float64 tracked pose.
+        normal: (3,) normal of the plane in which the camera moves, in its own frame; None where it may move otherwise.
         affine: (2,) tracked brightness (a, b).
     """
 
@@ -23,3 +25,4 @@ class Frame:
     image_slot: int
     T_camera_world: np.ndarray
     affine: np.ndarray
+    normal: Optional[np.ndarray] = None

@@ -2,13 +2,14 @@
 """Image pyramids in a pool of preallocated memory."""
 
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import Collection, List, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel_noalias
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.images.noise import smooth_image
 
 MIN_PIXELS = 5000
 MAX_LEVELS = 6
@@ -77,13 +78,25 @@ class PyramidPool:
     def __init__(self, camera: PinholeCamera, slots: int) -> None:
         self.shape = PyramidShape.of(camera.width, camera.height)
         self.buffers = np.zeros((slots, self.shape.offsets[-1]), np.float32)
+        self._scratch = np.zeros((2, camera.height, camera.width), np.float32)
         self._free: List[int] = list(range(slots))
 
-    def build(self, image: np.ndarray) -> int:
-        """Fill a free slot with the pyramid of image, (height, width) float32 or uint8; returns the slot."""
+    def build(self, image: np.ndarray, smooth: bool = False) -> int:
+        """Fill a free slot with the pyramid of an image; returns the slot.
+
+        Args:
+            image: (height, width) float32 or uint8.
+            smooth: against its noise, see `noise`.
+        """
         slot = self._free.pop()
         width, height = self.shape.sizes[0]
-        self.level(slot, 0).reshape(height, width)[:] = image
+        finest = self.level(slot, 0).reshape(height, width)
+        if smooth:
+            raw, rows = self._scratch
+            raw[:] = image
+            smooth_image(raw, rows, finest)
+        else:
+            finest[:] = image
         for level in range(1, self.shape.levels):
             fine_width = self.shape.sizes[level - 1][0]
             halve(self.level(slot, level - 1), fine_width, *self.shape.sizes[level], self.level(slot, level))
@@ -97,6 +110,6 @@ class PyramidPool:
         """Give a slot back."""
         self._free.append(slot)
 
-    def release_all(self) -> None:
-        """Give every slot back."""
-        self._free = list(range(self.buffers.shape[0]))
+    def release_all(self, kept: Collection[int] = ()) -> None:
+        """Give every slot back but those that are kept."""
+        self._free = [slot for slot in range(self.buffers.shape[0]) if slot not in kept]

@@ -100,6 +100,7 @@ class Mapper:
         window = self.window
         leaving = keyframes_to_marginalize(window, se3.inverse(frame.T_camera_world)[:3, 3], self._config.window)
         self._append(frame)
+        window.normal = frame.normal
         window.points.add_target(window.newest)
         with timer.stage("activate"):
             self._activator.activate(window)

@@ -11,6 +11,7 @@ from ceiling_dso_ros.dso.adjustment.linearization import scratch_memory
 from ceiling_dso_ros.dso.compute.linear_solver import solve_positive
 from ceiling_dso_ros.dso.config import InitializationConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.geometry.projection import level_intrinsics, viewing_rays
 from ceiling_dso_ros.dso.images.gradient_cells import TEXTURE_LEVEL, strongest_per_cell, textured_share
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
@@ -115,29 +116,35 @@ class Initializer:
         self._scratch = scratch_memory(1, largest)
         self._T, self._T_before = np.eye(4), np.eye(4)
         self._light, self._expected_light = np.zeros(2), np.zeros(2)
+        self._unit = np.inf  # of the depths, in that of the predicted motions
         self._first_textured = self._textured(image_slot)
         self._snapped = False
         self._frames_since_snap = 0
         self._frames = 0
         self.rmse, self.in_view = 0.0, 1.0
 
-    def add(self, image_slot: int, exposure_ratio: float) -> Optional[FirstMap]:
+    def add(
+        self, image_slot: int, exposure_ratio: float, prediction: Optional[CameraMotion] = None
+    ) -> Optional[FirstMap]:
         """Align a frame. Returns the map once there was parallax for long enough, else None.
 
         Args:
             exposure_ratio: exposure of the frame over that of the first one, 1 when unknown.
+            prediction: motion from the first frame to this one, predicted by other sensors, in any unit.
         """
         self._frames += 1
         if self._shows_more(image_slot):
             self.rmse = np.inf
             return None
         self._expected_light = np.array([np.log(exposure_ratio), 0.0])
-        expected = se3.orthonormalized(self._T @ se3.inverse(self._T_before) @ self._T)  # it goes on as it did
+        expected = self._expected_motion(prediction)
         self._T_before, last_rmse = self._T, self.rmse
         if self._snapped:
             self._align(image_slot, expected, self._expected_light)
         if not self._snapped or self.rmse > MAX_RMSE_GROWTH * last_rmse:
             self._align_flat(image_slot, expected)
+        if self._snapped and prediction is not None:
+            self._unit = self._unit_of(prediction)
         self._snapped = self._snapped or bool(np.linalg.norm(self._T[:3, 3]) > self._config.min_translation)
         self._frames_since_snap += self._snapped
         if self.failed or not self._enough_parallax():
@@ -148,6 +155,19 @@ class Initializer:
             self.rmse = np.inf
             return None
         return self._first_map()
+
+    def _expected_motion(self, prediction: Optional[CameraMotion]) -> np.ndarray:
+        """T_frame_first, (4, 4), as predicted or, without a prediction, if the camera goes on as it did."""
+        if prediction is None:
+            return se3.orthonormalized(self._T @ se3.inverse(self._T_before) @ self._T)
+        T = se3.inverse(prediction.T_start_end)
+        T[:3, 3] /= self._unit
+        return T
+
+    def _unit_of(self, prediction: CameraMotion) -> float:
+        """Unit of the depths in that of the predicted motion; infinite while the camera has hardly moved."""
+        way, predicted_way = (np.linalg.norm(T[:3, 3]) for T in (self._T, prediction.T_start_end))
+        return float(predicted_way / way) if way > self._config.min_translation else np.inf
 
     def _shows_more(self, image_slot: int) -> bool:
         """Whether a frame has texture where the first one had none, as when a cover slides off the lens.

@@ -40,6 +40,8 @@ class TrackedFrame:
         translation_flow, motion_flow: mean squared flow in pixels^2 by the translation alone, by the whole motion.
         covariance: (6, 6) float64 of (translation, rotation), a left increment on T_frame_reference.
         weakest: squared gradient along the motion that the image determines worst, relative to that of noise.
+        weakest_motion: (6,) float64 that motion, a left increment on T_frame_reference that moves the points by one
+            pixel, root mean square.
     """
 
     T_frame_reference: np.ndarray
@@ -50,6 +52,7 @@ class TrackedFrame:
     motion_flow: float
     covariance: np.ndarray
     weakest: float
+    weakest_motion: np.ndarray
 
 
 def motion_hypotheses(
@@ -215,4 +218,5 @@ class FrameTracker:
             errors[-1],
         )  # fmt: skip
         covariance = observability.covariance(errors[-1])
-        return TrackedFrame(T, ab, errors[-1], saturated, *flows, covariance, observability.weakest)
+        weakest_motion = np.sqrt(finest.u.size) * observability.motions[:, 0]
+        return TrackedFrame(T, ab, errors[-1], saturated, *flows, covariance, observability.weakest, weakest_motion)

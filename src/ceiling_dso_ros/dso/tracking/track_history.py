@@ -66,6 +66,11 @@ class TrackHistory:
         self.affine = np.zeros(2)
         self.rmse = self._last_rmse = np.inf
 
+    @property
+    def last_ns(self) -> Optional[int]:
+        """Stamp of the last frame with a pose; None before there is one."""
+        return self._poses[-1].stamp_ns
+
     def remember(self, frame: Frame, reference: TrackingReference, rmse: float) -> np.ndarray:
         """Take in a frame with its pose; returns T_keyframe_camera, (4, 4), on the reference's keyframe."""
         T_keyframe_camera = reference.T_camera_world @ se3.inverse(frame.T_camera_world)

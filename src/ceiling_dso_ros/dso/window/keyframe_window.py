@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The window of keyframes: poses, brightness and intrinsics with their linearisation points, points and candidates."""
 
-from typing import List, NamedTuple, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -80,6 +80,7 @@ class KeyframeWindow:
         self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
         self.intrinsics_eval = camera.parameters
         self.intrinsics_offset = np.zeros(INTRINSICS)
+        self.normal: Optional[np.ndarray] = None  # (3,) of the plane in which the camera moves, in its own frame
         self.prior = Prior(np.zeros((INTRINSICS, INTRINSICS)), np.zeros(INTRINSICS))
 
     @property
