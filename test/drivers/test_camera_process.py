@@ -258,8 +258,9 @@ def test_the_process_may_be_killed_at_any_time(bench, listen, moment_s):
     for _ in range(2):
         wait_until(lambda: process.pid is not None)
         time.sleep(moment_s)
-        os.kill(process.pid, signal.SIGKILL)
-        wait_until(lambda: process.pid is None)
+        killed = process.pid
+        os.kill(killed, signal.SIGKILL)
+        wait_until(lambda killed=killed: process.pid not in (None, killed))
     listener.wait_for_images(10)
     require_stamps_grow(listener.images)
 

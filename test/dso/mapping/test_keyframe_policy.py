@@ -23,7 +23,9 @@ REFERENCE = TrackingReference(0, np.eye(4), np.array([0.1, 0.0]), 2.0, CAMERA.pa
 
 
 def tracked(rmse=2.0, translation_flow=0.0, motion_flow=0.0, a=0.1):
-    return TrackedFrame(np.eye(4), np.array([a, 0.0]), rmse, 0.0, translation_flow, motion_flow, np.eye(6), 100.0)
+    return TrackedFrame(
+        np.eye(4), np.array([a, 0.0]), rmse, 0.0, translation_flow, motion_flow, np.eye(6), 100.0, np.zeros(6)
+    )
 
 
 def needs(frame, exposure=2.0, first_rmse=2.0):

@@ -134,7 +134,7 @@ def textured(keyframe_id):
 
 
 def doubts(history, keyframe, T_frame_world, stamp_ns, prediction=None):
-    tracked = TrackedFrame(T_frame_world, np.zeros(2), 1.0, 0.0, 0.0, 0.0, np.eye(6), 10.0)
+    tracked = TrackedFrame(T_frame_world, np.zeros(2), 1.0, 0.0, 0.0, 0.0, np.eye(6), 10.0, np.zeros(6))
     return history.doubts(tracked, keyframe, poses({0: keyframe}), stamp_ns, prediction)
 
 
