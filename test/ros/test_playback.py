@@ -67,7 +67,7 @@ def test_bag_that_is_looped_starts_anew(bag, tmp_path):
             listener = subprocess.Popen(listen, env=launched.environment, stdout=file)
         launched.wait_for("/fusion/status/resets", "1")
         launched.wait_for("/visual_odometry/status/state", "2")
-        assert launched.value("/visual_odometry/status/segment") == "0"
+        launched.wait_for("/visual_odometry/status/segment", "0")
         listener.terminate()
         listener.wait(PATIENCE_S)
     finally:
