@@ -114,10 +114,17 @@ def test_a_map_that_is_wrong_is_not_waited_for(two_frames, limits):
     assert not check.fault(two_frames.map, two_frames.first, two_frames.newest).more_parallax_helps
 
 
-def test_a_doubtful_map_is_waited_for():
-    faint = TwoFrames(contrast=8.0, noise=4.0)
-    check = FirstMapCheck(CONFIG, FrameTracker(faint.pool, CONFIG.tracking), faint.selector)
-    assert check.fault(faint.map, faint.first, faint.newest).more_parallax_helps
+def test_only_in_a_plane_a_doubtful_map_is_waited_for(two_frames):
+    noise = np.random.default_rng(1).normal(120.0, 4.0, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    slot = two_frames.pool.build(noise)
+    first = replace(two_frames.first, image_slot=slot)
+    check = FirstMapCheck(CONFIG, FrameTracker(two_frames.pool, CONFIG.tracking), two_frames.selector)
+    try:
+        assert not check.fault(two_frames.map, first, two_frames.newest).more_parallax_helps
+        in_a_plane = replace(two_frames.newest, normal=np.array([0.0, 0.0, 1.0]))
+        assert check.fault(two_frames.map, first, in_a_plane).more_parallax_helps
+    finally:
+        two_frames.pool.release(slot)
 
 
 def test_image_distance_is_the_shift_of_the_image(two_frames):

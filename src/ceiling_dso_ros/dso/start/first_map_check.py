@@ -5,7 +5,8 @@ A map of noise, or of one lamp on a bare ceiling, explains its own two images. W
 again: from a start that is moved along the motion that the image determines worst, tracking ends somewhere else.
 
 Where edges have one direction only, depths and a slow tilt explain the images together, and a map that finds every
-image may still be wrong. For a camera that moves in a plane, the plane excludes that. Others need more texture.
+image may still be wrong. For a camera that moves in a plane, the plane excludes that, and more parallax tells more.
+Others need more texture, and begin again with another image.
 """
 
 from typing import NamedTuple, Optional
@@ -55,7 +56,7 @@ class FirstMapCheck:
         if first_map.active_points < self._min_points:
             return Fault(f"has {first_map.active_points} points only", False)
         if not self._finds(first, first_map, newest):
-            return Fault("has too little texture: noise could have made it", True)
+            return Fault("has too little texture: noise could have made it", newest.normal is not None)
         return None
 
     def _finds(self, frame: Frame, first_map: MapSnapshot, newest: Frame) -> bool:
