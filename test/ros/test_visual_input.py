@@ -199,3 +199,13 @@ def test_a_keyframe_whose_image_has_a_wrong_stamp_has_no_place_in_time(comes_at_
         assert [keyframe.keyframe_id for keyframe in got.keyframes] == [1, 2, 4]
     visual.reset()
     assert len(visual.status(window(20, (3, 5))).keyframes) == 1
+
+
+def test_where_a_prediction_begins_comes_out_as_it_went_in_and_by_default_it_is_the_image():
+    earlier_ns = START_NS - 5_000_000_000
+    sent = OdometryStatus(START_NS, TrackingState.INITIALIZING, 2, earlier_start_ns=earlier_ns)
+    assert VisualInput(DataClock()).status(message_of(sent)).predict_from_ns == earlier_ns
+    message = message_of(replace(sent, earlier_start_ns=None))
+    assert message.predict_from.to_nsec() == START_NS
+    message.predict_from = ros_time(0)  # as of a node that does not ask for predictions
+    assert VisualInput(DataClock()).status(message).predict_from_ns == START_NS

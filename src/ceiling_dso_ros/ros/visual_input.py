@@ -57,6 +57,7 @@ class VisualInput:
         tracked = state is TrackingState.TRACKING
         if tracked != bool(message.pose):
             return None
+        begin = message.predict_from
         return OdometryStatus(
             stamp_ns=self._clock.inner_ns(message.header.stamp.to_nsec()),
             state=state,
@@ -68,7 +69,7 @@ class VisualInput:
             keyframes=self._keyframes(message.keyframes),
             rmse=message.rmse,
             message=message.message,
-            earlier_start_ns=self._clock.inner_ns(message.predict_from.to_nsec()),
+            earlier_start_ns=None if begin.is_zero() else self._clock.inner_ns(begin.to_nsec()),
         )
 
     def window(self, message: Keyframes) -> OdometryStatus:
