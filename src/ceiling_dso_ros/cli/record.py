@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 CAMERA_FRAME = "camera_up_optical_frame"
 MOST_WAITING = 100  # reports that are not written yet: 40 MB of images
-WAIT_S = 10.0  # for a camera
+START_S = 30.0  # until the camera's process has said anything, on a slow computer
+WAIT_S = 10.0  # for a camera after that
 DISK_PERIOD_S = 1.0
 GB = 1e9
 
@@ -139,15 +140,16 @@ def _await_camera(inbox: _Inbox) -> "Connected":
     """
     from ceiling_dso_ros.drivers.reports import Connected, Waiting
 
-    end_s = time.monotonic() + WAIT_S
-    reason = "the camera does not answer"
+    end_s = time.monotonic() + START_S
+    reason = ""
     while time.monotonic() < end_s:
         report = inbox.get()
         if isinstance(report, Connected):
             return report
         if isinstance(report, Waiting):
+            end_s = end_s if reason else time.monotonic() + WAIT_S
             reason = report.message
-    raise InputError(reason)
+    raise InputError(reason or "the camera does not answer")
 
 
 class _Recorder:
