@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the library itself records and plays, from a software device: read by the commands, and by the driver."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -38,7 +39,8 @@ record(sys.argv[3], drive.calibration.lens, moments, 15)
 
 def run(script, *arguments):
     words = [sys.executable, "-c", script, str(Path(__file__).parent), *map(str, arguments)]
-    result = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    result = subprocess.run(words, capture_output=True, text=True, timeout=300, env=environment)
     assert result.returncode == 0, result.stderr
     return result.stdout
 
