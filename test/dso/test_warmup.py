@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The warm-up reaches every kernel, or says that it did not; what is cached is complete and of today's sources."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from ceiling_dso_ros.dso import warmup
@@ -10,6 +14,21 @@ from ceiling_dso_ros.dso.compute.kernel_cache import python_tag
 
 def test_it_makes_enough_keyframes():
     assert warmup.warm_up() == warmup.KEYFRAMES
+
+
+def test_a_noisy_camera_on_a_vehicle_compiles_nothing_more():
+    """In a process of its own: what other tests have compiled does not count."""
+    script = """
+from ceiling_dso_ros.dso import warmup
+from ceiling_dso_ros.dso.adjustment.planar_motion import add_planar_motion
+from ceiling_dso_ros.dso.images.noise import cell_noise, smooth_image
+assert warmup.warm_up() == warmup.KEYFRAMES
+print([len(kernel.signatures) for kernel in (add_planar_motion, cell_noise, smooth_image)])
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    words = [sys.executable, "-c", script]
+    result = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert result.stdout.splitlines()[-1] == "[1, 1, 1]"
 
 
 def test_it_says_when_it_did_not(monkeypatch, capsys):

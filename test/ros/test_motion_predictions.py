@@ -7,10 +7,12 @@ pytestmark = pytest.mark.ros
 
 from std_msgs.msg import Header  # noqa: E402
 
+from ceiling_dso_ros.dso import CameraMotion  # noqa: E402
 from ceiling_dso_ros.dso.durations import nanoseconds  # noqa: E402
 from ceiling_dso_ros.dso.geometry import se3  # noqa: E402
 from ceiling_dso_ros.msg import MotionPrediction  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
+from ceiling_dso_ros.ros.fusion_publisher import prediction_message  # noqa: E402
 from ceiling_dso_ros.ros.motion_predictions import stretched  # noqa: E402
 
 START_NS = 1_732_800_000_123_456_789
@@ -50,3 +52,23 @@ def test_garbage_is_not_used():
     for wrong in (float("nan"), 1e300):
         message.covariance = [*COVARIANCE[:3], wrong, *COVARIANCE[4:]]
         assert stretched(message, START_NS + 20_000_000) is None
+
+
+def test_the_plane_of_the_motion_comes_out_as_it_went_in():
+    """What dso_node and `run --predict` are told is the same."""
+    normal = np.array([0.02, -0.03, 1.0]) / np.linalg.norm([0.02, -0.03, 1.0])
+    for sent in (CameraMotion(np.eye(4), np.eye(6), metric=True, normal=normal), CameraMotion(np.eye(4), np.eye(6))):
+        message = prediction_message(Header(stamp=ros_time(START_NS + 20_000_000)), START_NS, sent, 3)
+        got = stretched(message, START_NS + 20_000_000)
+        assert got.metric == sent.metric
+        if sent.normal is None:
+            assert got.normal is None
+        else:
+            np.testing.assert_allclose(got.normal, normal, atol=1e-15)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_plane_that_is_none_is_not_used(value):
+    message = prediction()
+    message.normal.z = value
+    assert stretched(message, START_NS + 20_000_000).normal is None

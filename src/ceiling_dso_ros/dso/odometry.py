@@ -131,8 +131,9 @@ class DirectOdometry:
             )
         segment = self._segment
         if segment.smooth is None:
-            segment.smooth = noise_level(image) > self.config.images.max_noise
-        slot = self._pool.build(image, segment.smooth)
+            noise = noise_level(image)
+            segment.smooth = None if noise is None else noise > self.config.images.max_noise
+        slot = self._pool.build(image, bool(segment.smooth))
         if prediction is not None:
             self._normal = prediction.normal
         return Frame(stamp_ns, self._exposures.of(exposure_ms), slot, np.eye(4), np.zeros(2), self._normal)

@@ -37,7 +37,7 @@ class Segment:
         mapping: has frames traced and made keyframes.
         trigger: decides which frames become keyframes.
         history: the last frames with a pose.
-        smooth: its images are smoothed against noise; None before the first, which decides.
+        smooth: its images are smoothed against noise; None before one has shown its noise, which decides.
     """
 
     number: int

@@ -13,12 +13,15 @@ from ceiling_dso_ros.dso.compute.jit import cache_folders
 from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, remove_outdated
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.images.interpolation import sample
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 
 MAX_FRAMES = 80
 KEYFRAMES = 6  # enough that keyframes are marginalised
+STEP = 0.012  # depths from one image to the next
+NOISE = 3.0  # grey levels, that are smoothed
 
 
 def textured_plane(camera: PinholeCamera, shift: float) -> np.ndarray:
@@ -38,10 +41,28 @@ def warm_up() -> int:
     odometry = DirectOdometry(camera, OdometryConfig(window=window))
     keyframes = 0
     for frame in range(MAX_FRAMES):
-        keyframes += odometry.track(textured_plane(camera, 0.012 * frame), frame).is_keyframe
+        keyframes += odometry.track(textured_plane(camera, STEP * frame), frame).is_keyframe
         if keyframes == KEYFRAMES:
             break
     odometry.track(np.full((camera.height, camera.width), 255.0, np.float32), MAX_FRAMES)  # as by a flash
+    odometry.reset()
+    return min(keyframes, _warm_up_on_vehicle(odometry))
+
+
+def _warm_up_on_vehicle(odometry: DirectOdometry) -> int:
+    """The same with a noisy camera whose motion is predicted, in a plane; returns as `warm_up`."""
+    camera, rng = odometry.camera, np.random.default_rng(0)
+    keyframes, predict_from = 0, 0
+    for frame in range(MAX_FRAMES):
+        image = textured_plane(camera, STEP * frame)
+        image += rng.normal(0.0, NOISE, image.shape).astype(np.float32)
+        T_start_end = np.eye(4)
+        T_start_end[0, 3] = STEP * (frame - predict_from)
+        motion = CameraMotion(T_start_end, 1e-6 * np.eye(6), metric=True, normal=np.array([0.0, 0.0, 1.0]))
+        status = odometry.track(image, frame, prediction=motion if frame > 0 else None)
+        keyframes, predict_from = keyframes + status.is_keyframe, status.predict_from_ns
+        if keyframes == KEYFRAMES:
+            break
     return keyframes
 
 

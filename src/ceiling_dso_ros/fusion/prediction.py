@@ -32,7 +32,7 @@ def predict_camera_motion(
         track: the wheels.
         noise: their error model.
         T_base_camera: (4, 4) of the camera.
-        estimate: scale and constants of the wheels as known now; None before there is one, and then metric must be set.
+        estimate: scale and constants of the wheels as known now; None before there is one, and then in metres.
         start_ns: stamp of the earlier image, on the wheels' clock.
         end_ns: stamp of the later image, likewise.
         metric: return metres instead of the unit of the scale.

@@ -3,6 +3,9 @@
 
 from typing import Optional
 
+import numpy as np
+from geometry_msgs.msg import Vector3
+
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.msg import MotionPrediction
@@ -52,4 +55,11 @@ def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
         return None
     stretch = wanted_ns / predicted_ns
     T_start_end = se3.exp(stretch * se3.log(T_start_predicted))
-    return CameraMotion(T_start_end, stretch**2 * covariance, bool(message.metric))
+    return CameraMotion(T_start_end, stretch**2 * covariance, bool(message.metric), unit_vector(message.normal))
+
+
+def unit_vector(vector: Vector3) -> Optional[np.ndarray]:
+    """(3,) float64 in a vector's direction; None where it has none."""
+    values = np.array([vector.x, vector.y, vector.z])
+    length = np.linalg.norm(values)
+    return values / length if 0.0 < length < np.inf else None

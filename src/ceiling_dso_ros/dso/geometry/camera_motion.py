@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A motion of the camera predicted by other sensors: a hypothesis for the tracking, never a measurement."""
+"""A motion of the camera predicted by other sensors: a hypothesis for the tracking, never a measurement.
+
+What is used of it as knowledge is only the plane in which the camera moves.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Iterator, Optional
@@ -20,9 +23,9 @@ class CameraMotion:
         T_start_end: (4, 4) float64 pose of the camera at the later image seen from the earlier, translation in the
             unit of the segment.
         covariance: (6, 6) float64 of (translation, rotation), a left increment on T_start_end.
+        metric: the translation is in metres instead, since the unit of the segment is not known to who predicts.
         normal: (3,) float64 unit normal, in the camera's frame, of the plane in which the camera moves; None where it
             may move otherwise.
-        metric: the translation is in metres instead, since the unit of the segment is not known to who predicts.
     """
 
     T_start_end: np.ndarray

@@ -16,8 +16,8 @@ class Frame:
         exposure: on the scale of `ExposureScale`.
         image_slot: its pyramid in the pool.
         T_camera_world: (4, 4) float64 tracked pose.
-        normal: (3,) normal of the plane in which the camera moves, in its own frame; None where it may move otherwise.
         affine: (2,) tracked brightness (a, b).
+        normal: (3,) normal of the plane in which the camera moves, in its own frame; None where it may move otherwise.
     """
 
     stamp_ns: int

@@ -8,6 +8,7 @@ the noise of neighbouring pixels is nearly the same, and interpolation changes i
 """
 
 import math
+from typing import Optional
 
 import numpy as np
 
@@ -22,8 +23,8 @@ TAPS = (TAPS / TAPS.sum()).astype(np.float32)
 REACH = 2
 
 
-def noise_level(image: np.ndarray) -> float:
-    """Standard deviation of an image's noise in grey levels, 0 where it is too dark or too bright to show any.
+def noise_level(image: np.ndarray) -> Optional[float]:
+    """Standard deviation of an image's noise in grey levels, None where it is too dark or too bright to show any.
 
     By the method of J. Immerkaer, "Fast noise variance estimation", CVIU 1996, in the calmest cells.
 
@@ -32,7 +33,7 @@ def noise_level(image: np.ndarray) -> float:
     """
     levels = cell_noise(np.ascontiguousarray(image, np.float32))
     shown = levels[levels >= 0.0]
-    return float(np.quantile(shown, CALMEST)) if shown.size else 0.0
+    return float(np.quantile(shown, CALMEST)) if shown.size else None
 
 
 @kernel
