@@ -70,5 +70,5 @@ def test_the_plane_of_the_motion_comes_out_as_it_went_in():
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_a_plane_that_is_none_is_not_used(value):
     message = prediction()
-    message.normal.z = value
+    message.normal = [0.0, 0.0, value]
     assert stretched(message, START_NS + 20_000_000).normal is None

@@ -4,7 +4,7 @@
 from typing import Optional
 
 import rospy
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
@@ -93,6 +93,6 @@ def prediction_message(header: Header, start_ns: int, motion: CameraMotion, segm
         motion=pose_from_matrix(motion.T_start_end),
         covariance=motion.covariance.ravel().tolist(),
         segment=segment,
-        normal=Vector3() if motion.normal is None else Vector3(*motion.normal),
+        normal=[0.0] * 3 if motion.normal is None else motion.normal.tolist(),
         metric=motion.metric,
     )

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Predictions of the camera's motion since the last image, received from fusion_node."""
 
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
-from geometry_msgs.msg import Vector3
 
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.dso.geometry import se3
@@ -58,8 +57,8 @@ def stretched(message: MotionPrediction, end_ns: int) -> Optional[CameraMotion]:
     return CameraMotion(T_start_end, stretch**2 * covariance, bool(message.metric), unit_vector(message.normal))
 
 
-def unit_vector(vector: Vector3) -> Optional[np.ndarray]:
+def unit_vector(vector: Sequence[float]) -> Optional[np.ndarray]:
     """(3,) float64 in a vector's direction; None where it has none."""
-    values = np.array([vector.x, vector.y, vector.z])
+    values = np.array(vector, dtype=float)
     length = np.linalg.norm(values)
     return values / length if 0.0 < length < np.inf else None
