@@ -14,7 +14,6 @@ from ceiling_dso_ros.dso.window.points import INLIER, OUT_OF_BOUNDS, OUTLIER
 
 MIN_POINTS_LEFT = 0.05  # share of the active points that a keyframe ever had
 KEPT_NEWEST = 2  # of the older ones: their candidates have hardly had a chance to become points
-MAX_BRIGHTNESS_CHANGE = 0.7  # |ln alpha|
 SURPRISING_SHARE = 0.25  # of the points, that nothing explains in a frame, more than in the one before
 
 
@@ -56,7 +55,10 @@ class KeyframeTrigger:
 
 
 def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, config: WindowConfig) -> List[int]:
-    """Slots that leave when a keyframe is added: nearly empty or too different ones, then the least useful.
+    """Slots that leave when a keyframe is added: nearly empty ones, then the least useful.
+
+    A keyframe of another brightness stays (the published method removes it): its points still tell the unit of length,
+    which changed where lamps went out and most of the window was removed at once.
 
     Args:
         position: (3,) of the new keyframe in the world.
@@ -64,12 +66,10 @@ def keyframes_to_marginalize(window: KeyframeWindow, position: np.ndarray, confi
     n = window.count
     flagged: List[int] = []
     points = np.diff(window.points.host_ranges(n))
-    log_gain = window.keyframes.affine[:n, 0] + np.log(window.keyframes.exposure[:n])
     for slot in range(n - KEPT_NEWEST):
         if n - len(flagged) < config.min_keyframes:
             break
-        nearly_empty = points[slot] < MIN_POINTS_LEFT * (points[slot] + window.gone_points[slot])
-        if nearly_empty or abs(log_gain[slot] - log_gain[-1]) > MAX_BRIGHTNESS_CHANGE:
+        if points[slot] < MIN_POINTS_LEFT * (points[slot] + window.gone_points[slot]):
             flagged.append(slot)
     if n - len(flagged) >= config.max_keyframes:
         flagged.append(least_useful(window, position))
