@@ -109,9 +109,15 @@ def test_settings_of_the_fusion(wheeled_folder, command, tmp_path):
     assert_refused(wrong, "graph.window")
 
 
-def test_predicting_needs_wheels(tum_folder, command, tmp_path):
-    refused = command("run", tum_folder, "--out", tmp_path / "out", "--predict")
-    assert_refused(refused, f"{tum_folder}: has no wheels")
+def test_the_wheels_predict_unless_told_otherwise(wheeled_folder, command, tmp_path):
+    def camera(*options):
+        assert command("run", wheeled_folder, "--out", tmp_path / "out", *options).returncode == 0
+        return (tmp_path / "out" / "camera.tum").read_bytes()
+
+    predicted, alone = camera(), camera("--no-prediction")
+    (wheeled_folder / "encoders.csv").unlink()
+    assert alone == camera()
+    assert alone != predicted
 
 
 def test_wheels_of_an_unknown_robot_are_not_fused(wheeled_folder, command, tmp_path):
@@ -132,8 +138,6 @@ def test_wheels_of_another_time_are_not_fused(wheeled_folder, command, tmp_path)
     assert result.stderr.endswith(" after the last image; the wheels are not used\n")
     assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
     assert summary_of(tmp_path / "out")["warnings"] == [result.stderr[len("warning: ") : -1]]
-    needed = command("run", wheeled_folder, "--out", tmp_path / "out", "--predict")
-    assert_refused(needed, f"error: {encoders}: the wheels and the images do not overlap in time")
 
 
 def test_a_camera_that_looks_down_is_refused(wheeled_folder, command, tmp_path):

@@ -119,13 +119,13 @@ class PredictedOdometry(FakeOdometry):
 
 def test_the_wheels_predict_the_motion_since_the_image_that_is_asked_for():
     odometry = PredictedOdometry()
-    Playback(VisualRun(lambda image: image, odometry), WarningLog(print), Wheels(), predict=True).play(frames(8))
+    Playback(VisualRun(lambda image: image, odometry), WarningLog(print), Wheels()).play(frames(8))
     assert odometry.predictions[0] is None
     since = [prediction.T_start_end[0, 3] for prediction in odometry.predictions[1:]]
     assert since == [1.0] * 7
 
     unasked = PredictedOdometry()
-    Playback(VisualRun(lambda image: image, unasked), WarningLog(print), Wheels()).play(frames(3))
+    Playback(VisualRun(lambda image: image, unasked), WarningLog(print), Wheels(), predict=False).play(frames(3))
     assert unasked.predictions == [None, None, None]
 
 

@@ -56,9 +56,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         help="set one value, such as window.max_keyframes=5 or fusion.graph.window=30; may be repeated",
     )
     parser.add_argument(
-        "--predict",
+        "--no-prediction",
         action="store_true",
-        help="predict the motion of the camera from the wheels; useful with few images a second",
+        help="track the images without the motion that the wheels predict; then camera.tum owes nothing to them",
     )
     add_wheel_options(parser)
     parser.set_defaults(execute=execute)
@@ -93,11 +93,11 @@ def execute(options: argparse.Namespace) -> None:
     recording = open_with(options, warnings)
     size = None if options.size is None else parse_image_size(options.size, "--size")
     visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
-    needs_wheels = options.predict or bool(options.wheel_input or options.wheel_odometry)
+    needs_wheels = bool(options.wheel_input or options.wheel_odometry)
     fusion = _fusion(recording, fusion_config, warnings, needs_wheels)
     if options.robot is not None and recording.robot is not None and recording.wheels is None:
         warnings.add(f"{recording.path}: has no wheels, so that {options.robot} is not used")
-    playback = Playback(visual, warnings, fusion, options.predict)
+    playback = Playback(visual, warnings, fusion, predict=not options.no_prediction)
     settings = {"config.yaml": config, **({} if fusion is None else {"fusion.yaml": fusion_config})}
     require_output_folder(options.out, [*settings, *playback.files])
     for name, values in settings.items():

@@ -37,9 +37,9 @@ class Playback:
         visual: VisualRun,
         warnings: WarningLog,
         fusion: Optional[FusionPlayback] = None,
-        predict: bool = False,
+        predict: bool = True,
     ) -> None:
-        """Prepare a run; with `predict` the wheels predict the motion of the camera for the odometry."""
+        """Prepare a run; with `predict` the wheels, if there are any, predict the camera's motion for the odometry."""
         self.visual = visual
         self._fusion = fusion
         self._predict = predict

@@ -77,6 +77,17 @@ def test_one_step_brings_the_keyframes_into_a_plane():
     assert np.abs(system(moved(T, step))[1]).max() < 1e-3 * np.abs(b).max()
 
 
+def test_a_mount_that_is_two_degrees_off_is_within_the_standard_deviations():
+    """Else a camera that nobody has calibrated would bend the map."""
+    along = np.cross(NORMAL, [1.0, 0.0, 0.0])
+    off = se3.exp(np.array([0, 0, 0, planar_motion.NORMAL_RAD, 0, 0]))[:3, :3] @ NORMAL
+    axes = np.linalg.svd(off[None])[2][1:]
+    for angle, way in ((0.0, 1.0), (0.5, 0.2), (2.0, 0.1), (0.1, 2.0)):
+        T = se3.exp(turned(angle)) @ se3.exp(np.concatenate([way * along, np.zeros(3)]))
+        e = np.append(axes @ T[:3, :3] @ off, off @ T[:3, 3])
+        assert (e**2 <= planar_motion.variances(T[:3, :3], way**2)).all()
+
+
 def test_far_keyframes_bind_less_than_near_ones():
     tilted = np.array([0.0, 0.0, 0.0, 0.01, 0.0, 0.0])
     near, far = ([np.eye(4), se3.exp(tilted + np.array([x, 0.0, 0.0, 0.0, 0.0, 0.0]))] for x in (0.01, 2.0))

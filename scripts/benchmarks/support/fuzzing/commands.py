@@ -103,7 +103,7 @@ def _run(random: Random, recording: Path, out: Path) -> List[str]:
     ):
         if not random.randrange(4):
             words.append(f"{option}={random.choice(values)}")
-    return [*words, *["--predict"] * random.randrange(2)]
+    return [*words, *["--no-prediction"] * random.randrange(2)]
 
 
 def _calibrate(recording: Path, out: Path) -> List[str]:

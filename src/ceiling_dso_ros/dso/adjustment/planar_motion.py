@@ -8,7 +8,9 @@ the plane of the other:
     e = (B^T R_ij n, n . t_ij) = 0,
 
 with T_ij the motion from camera j to camera i, and B, (3, 2), orthogonal to n. Vehicles wobble and floors are uneven,
-so this holds within standard deviations that grow with the distance.
+so this holds within standard deviations that grow with the distance. The normal itself is known only as well as the
+camera is mounted. An error of it by dn changes e by (B^T (R_ij - 1) dn, dn . t_ij): nothing about the tilt where the
+vehicle drives straight on, which is where images need it.
 """
 
 import numpy as np
@@ -18,6 +20,8 @@ from ceiling_dso_ros.dso.compute.jit import kernel
 # Tilt and height of one keyframe against another: by wobbling, and by the unevenness of the floor on the way between.
 TILT_RAD, TILT_RAD_PER_UNIT = 0.003, 0.01
 HEIGHT, HEIGHT_PER_UNIT = 0.001, 0.005
+# Of the normal: two degrees, as cameras are mounted by hand. A calibrated mount is better, but nobody says which it is.
+NORMAL_RAD = 0.035
 # Of the photometric energy: its usual error of 3 grey levels, squared, times the correlation of neighbouring points.
 ENERGY = 100.0
 
@@ -26,6 +30,15 @@ ENERGY = 100.0
 def cross_matrix(v: np.ndarray) -> np.ndarray:
     """Matrix (3, 3) of the cross product: times x it is v x x."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+@kernel
+def variances(R: np.ndarray, way2: float) -> np.ndarray:
+    """(3,) float64 variances of e for a pair of keyframes with a rotation (3, 3) and a squared distance."""
+    turn2 = 3.0 - R[0, 0] - R[1, 1] - R[2, 2]  # (2 sin(angle / 2))^2: how far the rotation moves what it turns
+    tilt = TILT_RAD * TILT_RAD + TILT_RAD_PER_UNIT * TILT_RAD_PER_UNIT * way2 + NORMAL_RAD * NORMAL_RAD * turn2
+    height = HEIGHT * HEIGHT + (HEIGHT_PER_UNIT * HEIGHT_PER_UNIT + NORMAL_RAD * NORMAL_RAD) * way2
+    return np.array([tilt, tilt, height])
 
 
 @kernel
@@ -52,7 +65,7 @@ def add_planar_motion(
     B[2] = normal
     weight = 2.0 * ENERGY / n
     J = np.zeros((3, 12))
-    e, information = np.empty(3), np.empty(3)
+    e = np.empty(3)
     for i in range(n):
         R_i, t_i = np.ascontiguousarray(T_camera_world[i, :3, :3]), T_camera_world[i, :3, 3].copy()
         for j in range(i):
@@ -67,9 +80,7 @@ def add_planar_motion(
             J[2, :3] = normal
             J[2, 3:6] = -normal @ cross_matrix(t)
             J[2, 6:9] = -normal @ R
-            way2 = (t * t).sum()
-            information[:2] = weight / (TILT_RAD * TILT_RAD + TILT_RAD_PER_UNIT * TILT_RAD_PER_UNIT * way2)
-            information[2] = weight / (HEIGHT * HEIGHT + HEIGHT_PER_UNIT * HEIGHT_PER_UNIT * way2)
+            information = weight / variances(R, (t * t).sum())
             for a in range(12):
                 row = first + size * (i if a < 6 else j) + a % 6
                 for k in range(3):
