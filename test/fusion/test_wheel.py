@@ -6,7 +6,8 @@ import pytest
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
-from ceiling_dso_ros.fusion.wheel import FINEST_RAD, Resolution, WheelMotion, WheelNoise, WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.resolution import Resolution
+from ceiling_dso_ros.fusion.wheel import FINEST_RAD, WheelMotion, WheelNoise, WheelOdometry, WheelStep
 
 TICKS, RADIUS, BASE = 4000.0, 0.1, 0.5
 TICK_M = 2 * np.pi * RADIUS / TICKS
@@ -200,6 +201,35 @@ def test_endless_angles_are_right_after_any_silence():
     for age_s, angle in ((0.0, 0.0), (0.02, 0.1), (0.04, 0.2), (10.0, 30.0), (20.0, 5.0)):
         wheels.add_angles(nanoseconds(age_s), angle, angle)
     assert wheels.total.pose[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("gap_s", [0.02, 0.1, 0.15, 0.5, 5.0, 20.0])
+@pytest.mark.parametrize("unit", ["angles", "ticks", "poses"])
+def test_readings_that_begin_again_are_no_motion_whatever_the_silence(unit, gap_s):
+    """As after a restart of the driver; the robot stands before and after."""
+    for far in np.random.default_rng(0).uniform(20.0, 900.0, (10, 2)):
+        wheels = odometry()
+        samples = [(0.02 * k, far) for k in range(10)] + [(0.18 + gap_s, np.zeros(2))]
+        for time_s, value in samples:
+            stamp_ns = nanoseconds(time_s)
+            if unit == "angles":
+                step = wheels.add_angles(stamp_ns, *value)
+            elif unit == "ticks":
+                step = wheels.add_ticks(stamp_ns, *np.round(value / (2 * np.pi) * TICKS).astype(int))
+            else:
+                step = wheels.add_pose(stamp_ns, np.array([*value, 1.0 if value.any() else 0.0]))
+        assert not step.known
+        assert "restarted" in wheels.message
+        np.testing.assert_allclose(wheels.total.pose, 0.0, atol=1e-9)
+
+
+def test_wrapped_angles_tell_nothing_after_a_silence_in_which_the_wheel_turned():
+    """Nobody knows how many turns they are; a wheel that has not moved has stood."""
+    wheels = odometry()
+    for k in range(10):
+        wheels.add_angles(nanoseconds(0.02 * k), 1.0, 1.0)
+    assert wheels.add_angles(nanoseconds(3.0), 1.05, 1.05).known
+    assert not wheels.add_angles(nanoseconds(6.0), 2.0, 2.0).known
 
 
 def test_an_odometry_is_taken_as_it_is():

@@ -11,15 +11,21 @@ from dataclasses import dataclass, replace
 from typing import Callable, Optional, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.resolution import Resolution
 
 INT32_RANGE = 2**32
 TURN = 2.0 * math.pi
+STILL_RAD = 0.1  # a wheel that has turned by less in a silence has stood
+WRAPPED = 1.01 * TURN  # what angles that are wrapped at a turn do not exceed
 # Finer readings are no better: gears have play, and wheels are not round. Nor may the covariance become singular.
 FINEST_RAD, FINEST_M = 1e-3, 5e-5
+
+FAR_M = 1.0  # from the origin of an odometry: nearer, it may have come back by itself
 
 # Of ticks, radians or metres; beyond what an int64 holds, differences are no longer those of wheels.
 LARGEST = 2.0**63
@@ -154,48 +160,6 @@ class WheelNoise:
         return motion.noise + motion.jacobian @ constants @ motion.jacobian.T + self.resolution
 
 
-class Resolution:
-    """Finds the resolution of readings from how much they change from one to the next.
-
-    While a robot drives, the changes of coarse readings go to and fro by one step, those of fine readings by as little
-    as its speed is uneven. A speed that is exactly constant, or changes evenly, as in a simulation, tells nothing.
-    """
-
-    SAME = 0.01  # share of the finest: changes that are nearer are equal but for rounding
-    LEAST = 10  # turns to and fro, and their share of all changes: fewer are those of a speed that is set in steps
-    LEAST_SHARE = 0.05
-    SAME_TIME = 1.5  # changes over times with a larger ratio are not compared, since samples are missing
-
-    def __init__(self, finest: float) -> None:
-        self._finest = finest
-        self._last: Optional[Tuple[np.ndarray, float]] = None
-        self._signs: Optional[np.ndarray] = None  # of the last differences
-        self._changes = self._turns = 0
-        self._smallest = math.inf
-
-    @property
-    def step(self) -> float:
-        """The resolution in the unit of the readings; the finest that is assumed, where no coarser one is found."""
-        if self._turns < max(self.LEAST, self.LEAST_SHARE * self._changes):
-            return self._finest
-        return max(self._smallest, self._finest)
-
-    def add(self, changes: np.ndarray, duration_s: float) -> None:
-        """Add the (n,) changes of readings that are equally coarse, in a time."""
-        if self._signs is None:
-            self._signs = np.zeros(len(changes))
-        same = self.SAME * self._finest
-        if self._last is not None and max(duration_s, self._last[1]) < self.SAME_TIME * min(duration_s, self._last[1]):
-            differences = changes - self._last[0]
-            differ = np.abs(differences) > same
-            turned = differ & (differences * self._signs < 0.0)
-            self._changes += int(np.count_nonzero(np.abs(changes) > same))
-            self._turns += int(np.count_nonzero(turned))
-            self._smallest = float(np.min(np.abs(differences[turned]), initial=self._smallest))
-            self._signs = np.where(differ, np.sign(differences), self._signs)
-        self._last = changes, duration_s
-
-
 class WheelOdometry:
     """Dead reckoning from encoder samples, or from the robot's own odometry.
 
@@ -297,16 +261,24 @@ class WheelOdometry:
         self.dropped += 1
 
     def _twist_of_ticks(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        if _begins_anew(before, after, self._robot.ticks_per_turn):
+            return None
         ticks = (after - before + INT32_RANGE // 2) % INT32_RANGE - INT32_RANGE // 2
         return self._twist_of_turns(ticks * (TURN / self._robot.ticks_per_turn), dt)
 
     def _twist_of_angles(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        if _begins_anew(before, after, TURN):
+            return None
         turns = after - before
         both = np.array([*self._range_rad, before, after])
         self._range_rad = np.array([np.nanmin(both, axis=0), np.nanmax(both, axis=0)])
-        # Angles that have stayed within a turn may be wrapped. After a silence the last rate says nothing any more.
-        may_wrap = (np.ptp(self._range_rad, axis=0) < 1.01 * TURN) & (dt < self._config.silence_s)
-        too_fast = np.abs(turns) * self._robot.wheel_radius_m > self._config.max_speed_m_s * dt
+        # Angles that have stayed within a turn, of zero too, may be wrapped: any change may hide turns, as far as the
+        # last rate tells, which it does not after a silence. Others count on, and what they cannot do is none of turns.
+        wraps = (np.ptp(self._range_rad, axis=0) < WRAPPED) & (np.abs(self._range_rad).max(axis=0) < WRAPPED)
+        if dt >= self._config.silence_s and (wraps & (np.abs(turns) > STILL_RAD)).any():
+            return None
+        may_wrap = wraps & (dt < self._config.silence_s)
+        too_fast = wraps & (np.abs(turns) * self._robot.wheel_radius_m > self._config.max_speed_m_s * dt)
         expected = np.array([-0.5, 0.5]) * self._robot.wheel_base_m * self._rate[2] + self._rate[0]
         expected = np.where(dt < self._config.silence_s, expected * dt, 0.0) / self._robot.wheel_radius_m * self._signs
         turns += np.where(may_wrap | too_fast, TURN * np.round((expected - turns) / TURN), 0.0)
@@ -322,12 +294,23 @@ class WheelOdometry:
         return np.array([0.5 * (left + right), 0.0, (right - left) / self._robot.wheel_base_m])
 
     def _twist_of_poses(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
+        if _begins_anew(np.hypot(*before[:2]), np.hypot(*after[:2]), FAR_M):
+            return None
         twist = planar.logmap(planar.between(before, after))
         fastest = np.hypot(twist[0], twist[1]) + 0.5 * self._robot.wheel_base_m * abs(twist[2])
         if fastest > self._config.max_speed_m_s * dt:
             return None
         self._forward_steps.add(twist[:1], dt)
         return twist
+
+
+def _begins_anew(before: ArrayLike, after: ArrayLike, far: float) -> bool:
+    """Whether readings far from zero are near it all at once, as when their driver was restarted.
+
+    After a silence, nothing else tells that from a motion.
+    """
+    size = np.abs(before)
+    return bool(np.all(size > far) and np.all(np.abs(after) < 0.1 * size))
 
 
 def _text(stamp_ns: int) -> str:
