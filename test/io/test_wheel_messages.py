@@ -86,8 +86,25 @@ def test_velocities_alone_are_said():
 
 def test_states_whose_stamps_do_not_grow_are_dropped_and_said():
     samples, said = of_states([state(stamp * MS, NAMES, [stamp, 0.0]) for stamp in (1, 20, 20, 10, 30)])
-    assert rows(samples) == [(1, 1.0, 0.0), (20, 20.0, 0.0), (30, 30.0, 0.0)]
-    assert said == [f"{samples.source}: 2 of 5 messages are not used: not later than the one before"]
+    assert len(samples) == 3
+    assert (np.diff(samples.stamps_ns) > 0).all()
+    reason = "not later than the one before, or far ahead of the next"
+    assert said == [f"{samples.source}: 2 of 5 messages are not used: {reason}"]
+    assert not samples.set_back
+
+
+def test_one_state_in_the_future_costs_one_state():
+    stamps_ns = [20 * MS * k for k in range(50)]
+    stamps_ns[20] += 3600 * 10**9
+    samples, said = of_states([state(stamp_ns, NAMES, [0.0, 0.0]) for stamp_ns in stamps_ns])
+    assert samples.stamps_ns.tolist() == stamps_ns[1:20] + stamps_ns[21:]  # the first has no stamp
+    assert "1 of 50 messages are not used: not later" in said[0] + said[1]
+    assert not samples.set_back
+
+
+def test_a_clock_of_the_wheels_that_was_set_back_is_known():
+    stamps_ns = [10**9 + 20 * MS * k for k in range(30)] + [10**9 + 20 * MS * k - 10**9 // 5 for k in range(30, 60)]
+    assert of_states([state(stamp_ns, NAMES, [0.0, 0.0]) for stamp_ns in stamps_ns])[0].set_back
 
 
 def odometry(stamp_ns, x, yaw, quaternion=None, child="base_link"):

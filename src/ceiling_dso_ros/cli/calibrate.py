@@ -82,7 +82,7 @@ def _track(recording: "Recording", bits: int, warnings: "WarningLog") -> Iterato
 
     load_kernels(tqdm.write)
     visual = VisualRun.of(recording, bits=bits, tell=warnings.add)
-    with tqdm(recording.frames(), total=len(recording), unit="frame", disable=None) as frames:
+    with tqdm(recording.frames(wheels=recording.wheels), total=len(recording), unit="frame", disable=None) as frames:
         for frame in frames:
             if isinstance(frame, Frame):
                 yield visual.track(frame.image, frame.stamp_ns, frame.exposure_ms).status

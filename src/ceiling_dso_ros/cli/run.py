@@ -108,7 +108,8 @@ def execute(options: argparse.Namespace) -> None:
     try:
         # disable=None: no bar where stderr is no terminal
         total = None if options.fps else len(recording)
-        with tqdm(recording.frames(options.fps), total=total, unit="frame", disable=None) as frames:
+        listed = recording.frames(options.fps, None if fusion is None else recording.wheels)
+        with tqdm(listed, total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
         _explain_missing_poses(playback, recording, fusion is not None)
     except BaseException as error:

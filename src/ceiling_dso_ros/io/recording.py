@@ -11,9 +11,9 @@ import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError
+from ceiling_dso_ros.io.frame_order import judged
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
-from ceiling_dso_ros.io.stamps import format_stamp
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ class WheelSamples:
             yaw.
         source: names them in messages.
         delay_ns: how long after their stamps they were recorded, in the median; None where that is unknown.
+        set_back: their clock was set back while they were recorded.
     """
 
     unit: WheelUnit
@@ -89,6 +90,7 @@ class WheelSamples:
     readings: np.ndarray
     source: str = "the wheels"
     delay_ns: Optional[int] = None
+    set_back: bool = False
 
     def __len__(self) -> int:
         """How many there are."""
@@ -235,37 +237,37 @@ class Recording(ABC):
     def ground_truth_path(self) -> Optional[Path]:
         """TUM file with the true poses of the camera's optical frame, None where there is none."""
 
-    def frames(self, frame_rate: float = 0.0) -> Iterator[Union[Frame, SkippedFrame]]:
+    def frames(
+        self, frame_rate: float = 0.0, wheels: Optional[WheelSamples] = None
+    ) -> Iterator[Union[Frame, SkippedFrame]]:
         """The images in the order of the recording, each one read when it is asked for.
 
-        A bad image (unreadable, of another size, or whose stamp does not grow) comes as a SkippedFrame.
+        A bad image (unreadable, of another size, or whose stamp is wrong, see `judged`) comes as a SkippedFrame.
 
         Args:
             frame_rate: images a second, see `FrameRateLimit`; 0 for all.
+            wheels: what the images are used with.
 
         Raises:
             InputError: the recording turns out to be damaged.
         """
-        last_ns = -1
         limit = FrameRateLimit(frame_rate)
-        for listed in self.images():
+        for listed, fault in judged(self.images(), alone=wheels is not None and not wheels.set_back):
             stamp_ns = listed.stamp_ns
-            if stamp_ns is not None and not limit.passes(stamp_ns):
+            if stamp_ns is not None and not fault and not limit.passes(stamp_ns):
                 continue
             try:
-                image = self._read(listed, last_ns)
+                if fault:
+                    raise FrameError(fault)
+                image = self._read(listed)
                 if stamp_ns is None:
                     raise FrameError("it has no time stamp")
             except FrameError as error:
                 yield SkippedFrame(stamp_ns, f"{listed.name}: {error}; frame skipped", str(error))
                 continue
-            last_ns = stamp_ns
             yield Frame(stamp_ns, listed.exposure_ms if self.uses_exposures else None, image)
 
-    def _read(self, listed: ListedImage, last_ns: int) -> np.ndarray:
-        if listed.stamp_ns is not None and listed.stamp_ns <= last_ns:
-            how = "repeats" if listed.stamp_ns == last_ns else "lies before"
-            raise FrameError(f"the stamp {format_stamp(listed.stamp_ns)} {how} that of the last frame")
+    def _read(self, listed: ListedImage) -> np.ndarray:
         image = listed.decode()
         self.calibration.require_size_of(image)
         return image

@@ -101,6 +101,15 @@ def longest_increasing(stamps_ns: Sequence[int]) -> List[int]:
     return kept[::-1]
 
 
+def was_set_back(stamps_ns: np.ndarray) -> bool:
+    """Whether the clock of (n,) int64 stamps was set back: two in a row lie before three that came before them.
+
+    A single stamp that is too late or too early, or two that changed places, are no such clock.
+    """
+    earlier = np.minimum.reduce([stamps_ns[:-4], stamps_ns[1:-3], stamps_ns[2:-2]])
+    return bool((np.maximum(stamps_ns[3:-1], stamps_ns[4:]) < earlier).any())
+
+
 def _median_step(numbers: Sequence[int]) -> float:
     """Median difference of consecutive numbers that differ; 0 if none do."""
     steps = np.abs(np.diff(np.array(numbers, np.int64)))

@@ -7,6 +7,7 @@ import numpy as np
 
 from ceiling_dso_ros.io.recording import WheelSamples, WheelUnit
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns, planar_pose
+from ceiling_dso_ros.io.stamps import longest_increasing, was_set_back
 from ceiling_dso_ros.io.tick_pairs import MAX_SKEW_NS, TickPairs
 from ceiling_dso_ros.io.wheel_joints import WheelJoints
 
@@ -100,21 +101,20 @@ class _Table:
         self._readings: List[Sequence[float]] = []
 
     def add(self, recorded_ns: int, stamp_ns: int, reading: Sequence[float]) -> None:
-        """Add a sample, unless it is not later than the last one."""
-        if self._stamps_ns and stamp_ns <= self._stamps_ns[-1]:
-            self.unused["not later than the one before"] += 1
-            return
+        """Add a sample; `samples` leaves out those whose stamps are out of order."""
         self._stamps_ns.append(stamp_ns)
         self._delays_ns.append(recorded_ns - stamp_ns)
         self._readings.append(reading)
 
     def samples(self, count: int, warn: Warn) -> Optional[WheelSamples]:
         """The samples, None without any; warns of those that are not used."""
+        kept = longest_increasing(self._stamps_ns)
+        self.unused["not later than the one before, or far ahead of the next"] = len(self._stamps_ns) - len(kept)
         for reason, unused in self.unused.items():
             if unused:
                 warn(f"{self.source}: {unused} of {count} messages are not used: {reason}")
-        if not self._stamps_ns:
+        if not kept:
             return None
-        readings = np.array(self._readings, np.int64 if self._unit is WheelUnit.TICKS else np.float64)
-        delay_ns = int(np.median(self._delays_ns))
-        return WheelSamples(self._unit, np.array(self._stamps_ns, np.int64), readings, self.source, delay_ns)
+        readings = np.array(self._readings, np.int64 if self._unit is WheelUnit.TICKS else np.float64)[kept]
+        stamps_ns, delay_ns = np.array(self._stamps_ns, np.int64), int(np.median(self._delays_ns))
+        return WheelSamples(self._unit, stamps_ns[kept], readings, self.source, delay_ns, was_set_back(stamps_ns))
