@@ -7,7 +7,7 @@ pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built works
 pytestmark = pytest.mark.ros
 
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS  # noqa: E402
-from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder  # noqa: E402
+from ceiling_dso_ros.ros.image_order import AGREEING, CAMERA_AHEAD_NS, ImageOrder  # noqa: E402
 
 NOW_NS = 1_732_800_000_123_456_789
 FRAME_NS = 33_333_333
@@ -100,15 +100,34 @@ def test_a_camera_whose_clock_alone_is_set_back_is_not_used_until_it_is_right_ag
             now_ns = NOW_NS + count * FRAME_NS
             yield stream.image(now_ns - FRAME_NS + later_ns, now_ns)
 
-    for back_ns in (-second_ns, -second_ns // 4, -3600 * second_ns):
+    for back_ns in (-second_ns, -second_ns // 4, -second_ns // 10, -3600 * second_ns):
         count = 0
         assert all(drive(10, 0))
         assert not any(drive(90, back_ns))
         assert stream.order.camera_set_back
         assert f"set back by {-back_ns / second_ns:.1f} s" in stream.order.apart
-        assert all(drive(10, 0))
+        assert list(drive(10, 0)) == [False] * (AGREEING - 1) + [True] * (11 - AGREEING)
         assert stream.order.apart == ""
         stream.order.reset()
+
+
+@pytest.mark.parametrize("ahead_s", [0.3, 0.45, 0.6])
+@pytest.mark.parametrize("latency_s", [0.03, 0.12, 0.2])
+@pytest.mark.parametrize("images", [1, 60])
+def test_images_that_were_stamped_ahead_do_not_spoil_those_after_them(ahead_s, latency_s, images):
+    stream = Stream()
+
+    def drive(count, ahead_s):
+        for _ in range(count):
+            stream.number += 1
+            now_ns = NOW_NS + stream.number * FRAME_NS
+            yield stream.image(now_ns + round(1e9 * (ahead_s - latency_s)), now_ns)
+
+    stream.number = 0
+    assert all(drive(100, 0.0))
+    list(drive(images, ahead_s))
+    list(drive(round(ahead_s * 1e9 / FRAME_NS) + AGREEING, 0.0))  # until stamps are later than the last one again
+    assert all(drive(20, 0.0))
 
 
 def test_a_clock_that_is_set_for_all_costs_the_images_that_come_before_the_wheels_tell():
@@ -116,7 +135,7 @@ def test_a_clock_that_is_set_for_all_costs_the_images_that_come_before_the_wheel
     assert stream.image(NOW_NS)
     assert not stream.image(NOW_NS - 10**9)
     assert stream.order.camera_set_back
-    assert stream.image(NOW_NS + FRAME_NS, NOW_NS + FRAME_NS)
+    assert [stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(1, 5)].count(True) == 5 - AGREEING
     assert not stream.order.camera_set_back
 
 

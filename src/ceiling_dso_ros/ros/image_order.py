@@ -2,13 +2,19 @@
 """Which images fusion_node may use: those of the present run, in order, at the wheels' time."""
 
 import time
-from typing import Callable, Optional
+from collections import deque
+from statistics import median_low
+from typing import Callable, Deque, Optional
 
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS
 
 CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
-SET_BACK_NS = 200_000_000  # stamps of images that go back so far: a clock was set, and no two images changed places
+SWAPPED = 1.5  # intervals between images: stamps that go back by more are of a clock that was set; two images that
+# changed places go back by one
+FIRST_INTERVAL_NS, LONGEST_INTERVAL_NS = 133_000_000, 10**9
+DELAYS = 300  # of the last images that were used: ten seconds, so that some with wrong stamps do not count
+AGREEING = 3  # images in a row, until the clocks agree again: one may come early by chance
 
 
 class ImageOrder:
@@ -25,8 +31,11 @@ class ImageOrder:
         self._wheels_heard_s = 0.0
         self._apart_s = 0.0
         self._last_ns: Optional[int] = None
-        self._delay_ns = 0  # by which the last image was behind the wheels
+        self._interval_ns = FIRST_INTERVAL_NS
+        self._delays_ns: Deque[int] = deque([0], maxlen=DELAYS)  # by which images were behind the wheels
         self._set_back_ns = 0  # by which the camera's clock seems to have been set back since then, and not the wheels'
+        self._agreeing = 0
+        self._in_order = True  # the last image was later than the one before
         self._may_be_old = True
 
     def heard_wheels(self) -> None:
@@ -77,8 +86,12 @@ class ImageOrder:
         # Where the clock has been set back, images may come before the wheels tell by how much.
         if self._last_ns is not None and stamp_ns <= self._last_ns <= wheels_ns + CAMERA_AHEAD_NS:
             complain("an image that is not later than the last one")
+            self._in_order = False
             return False
-        self._last_ns, self._delay_ns = stamp_ns, wheels_ns - stamp_ns
+        if self._last_ns is not None:
+            self._interval_ns = min(abs(stamp_ns - self._last_ns), LONGEST_INTERVAL_NS)
+        self._last_ns, self._in_order = stamp_ns, True
+        self._delays_ns.append(wheels_ns - stamp_ns)
         return True
 
     def _agrees(self, stamp_ns: int, wheels_ns: int) -> bool:
@@ -87,9 +100,13 @@ class ImageOrder:
         A camera whose clock is set back seems to be late all at once, and its stamps go back. Images that are really
         late still come in the order of their stamps. If the wheels' clock has been set, too, they soon agree again.
         """
-        later_ns = wheels_ns - stamp_ns - max(self._delay_ns, 0)  # an image may have been ahead by mistake
-        if self._last_ns is not None and stamp_ns <= self._last_ns - SET_BACK_NS and not self._set_back_ns:
-            self._set_back_ns = max(later_ns, 0)
-        if 2 * later_ns <= self._set_back_ns:
+        # Single images may have been late, and images that are ahead of the wheels have not set their delay.
+        later_ns = wheels_ns - stamp_ns - max(median_low(self._delays_ns), 0)
+        back_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
+        begins = self._in_order and back_ns > SWAPPED * self._interval_ns
+        if begins and 2 * later_ns > back_ns and not self._set_back_ns:
+            self._set_back_ns, self._agreeing = later_ns, 0
+        self._agreeing = self._agreeing + 1 if 2 * later_ns <= self._set_back_ns else 0
+        if self._agreeing >= AGREEING:
             self._set_back_ns = 0
         return self._set_back_ns == 0
