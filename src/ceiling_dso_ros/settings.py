@@ -5,7 +5,7 @@ import dataclasses
 import math
 import re
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Type, TypeVar, cast
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar, cast
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
@@ -19,6 +19,7 @@ from ceiling_dso_ros.io.yaml_files import read_yaml
 
 Config = TypeVar("Config")
 LARGEST_INTEGER = 2**63
+FUSION_PREFIX = "fusion."  # of the fusion's settings among all
 ANGLE = re.compile(r"(deg|rad)\(([^()]*)\)")  # as rosparam writes angles
 
 
@@ -40,6 +41,13 @@ def load_settings(
     layers = [] if path is None else [(str(path), _read_yaml(path))]
     layers += [(f"--set {override}", _read_override(override)) for override in overrides]
     return merge_settings(kind, layers, "settings")
+
+
+def split_overrides(overrides: Sequence[str]) -> Tuple[List[str], List[str]]:
+    """Settings of the odometry, and settings of the fusion without their prefix, among texts `key=value`."""
+    of_fusion = [text for text in overrides if text.startswith(FUSION_PREFIX)]
+    of_odometry = [text for text in overrides if text not in of_fusion]
+    return of_odometry, [text[len(FUSION_PREFIX) :] for text in of_fusion]
 
 
 def merge_settings(kind: Type[Config], layers: Sequence[Tuple[str, Mapping]], whole: str) -> Config:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Optional
 
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.reference_files import reference_of_base, reference_of_camera
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.evaluation.reference_sigma import ReferenceSigma
@@ -43,16 +44,12 @@ def add_reference_options(parser: argparse.ArgumentParser) -> None:
 
 def camera_reference(options: argparse.Namespace) -> Path:
     """`GT_camera.tum` beside the reference `GT.tum` if it exists, else the reference itself."""
-    reference: Path = options.reference
-    beside = reference.with_name(f"{reference.stem}_camera.tum")
-    return beside if beside.exists() else reference
+    return reference_of_camera(options.reference)
 
 
 def base_reference(options: argparse.Namespace) -> Path:
     """The given file, else `GT_base.tum` beside the reference `GT.tum`, else the reference itself."""
-    reference: Path = options.reference
-    beside = reference.with_name(f"{reference.stem}_base.tum")
-    return options.base_reference or (beside if beside.exists() else reference)
+    return options.base_reference or reference_of_base(options.reference)
 
 
 def reference_of(name: str, options: argparse.Namespace) -> Path:

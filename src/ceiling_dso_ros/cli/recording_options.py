@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add them, with the recording itself."""
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    add_camera_options(parser)
+    parser.add_argument("--no-exposure", action="store_true", help="do not use the exposure times of the recording")
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Add those that say what the images are."""
     parser.add_argument(
         "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
     )
@@ -28,7 +34,6 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         "--camera-info-topic", metavar="TOPIC", help="default: camera_info in the namespace of the images"
     )
     parser.add_argument("--exposure-topic", metavar="TOPIC", help="default: exposure in the namespace of the images")
-    parser.add_argument("--no-exposure", action="store_true", help="do not use the exposure times of the recording")
     parser.add_argument(
         "--rectified", action="store_true", help="the images are rectified: use P of camera_info, not K and D"
     )

@@ -4,7 +4,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Optional
+from typing import TYPE_CHECKING
 
 from ceiling_dso_ros.cli.outputs import complain, require_output_folder
 from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
@@ -13,13 +13,9 @@ from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 
 if TYPE_CHECKING:
-    from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.recording import Recording
-    from ceiling_dso_ros.io.warning_log import WarningLog
-    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
     from ceiling_dso_ros.playback.playback import Playback
 
-FUSION_PREFIX = "fusion."  # of the fusion's settings among all
 COMPLETE = "complete"  # how a run ends
 
 
@@ -78,23 +74,22 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
+    from ceiling_dso_ros.playback.fusion_playback import usable_fusion
     from ceiling_dso_ros.playback.playback import Playback
-    from ceiling_dso_ros.settings import load_settings, write_settings
+    from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
 
     if not 0.0 <= options.fps < float("inf"):
         raise InputError(f"--fps {options.fps:g}: 0 or more")
-    of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
-    of_odometry = [text for text in options.overrides if text not in of_fusion]
+    of_odometry, of_fusion = split_overrides(options.overrides)
     config = load_settings(options.config, of_odometry, OdometryConfig)
-    fusion_config = load_settings(
-        options.fusion_config, [text[len(FUSION_PREFIX) :] for text in of_fusion], FusionConfig
-    )
+    fusion_config = load_settings(options.fusion_config, of_fusion, FusionConfig)
     warnings = WarningLog(warn)
     recording = open_with(options, warnings)
     size = None if options.size is None else parse_image_size(options.size, "--size")
     visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
-    needs_wheels = bool(options.wheel_input or options.wheel_odometry)
-    fusion = _fusion(recording, fusion_config, warnings, needs_wheels)
+    if options.wheel_input or options.wheel_odometry:
+        require_usable(recording)
+    fusion = usable_fusion(recording, fusion_config, warnings)
     if options.robot is not None and recording.robot is not None and recording.wheels is None:
         warnings.add(f"{recording.path}: has no wheels, so that {options.robot} is not used")
     playback = Playback(visual, warnings, fusion, predict=not options.no_prediction)
@@ -137,34 +132,6 @@ def _write(playback: "Playback", directory: Path, end: str) -> None:
             complain(line)
     finally:
         print(_describe(playback.summary(), directory))
-
-
-def _fusion(
-    recording: "Recording", config: "FusionConfig", warnings: "WarningLog", needs_wheels: bool
-) -> Optional["FusionPlayback"]:
-    """The fusion of a run, None without usable wheels. Called before the run, so that errors are found early.
-
-    Raises:
-        InputError: the robot's dimensions cannot be used, or usable wheels are needed and there are none.
-    """
-    from ceiling_dso_ros.dso.config import ConfigError
-    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback, robot_model
-    from ceiling_dso_ros.playback.wheel_check import uncovered, why_unusable
-
-    wheels = require_usable(recording)[0] if needs_wheels else recording.wheels
-    if wheels is None:
-        return None
-    problem = why_unusable(recording, wheels)
-    if problem or recording.robot is None:
-        warnings.add(f"{problem}; the wheels are not used")
-        return None
-    missing = uncovered(recording, wheels)
-    if missing:
-        warnings.add(missing)
-    try:
-        return FusionPlayback(wheels, robot_model(recording.robot), config, warnings.add)
-    except ConfigError as error:
-        raise InputError(f"{recording.path}: {error}") from error
 
 
 def _explain_missing_poses(playback: "Playback", recording: "Recording", has_wheels: bool) -> None:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Results of the odometry for recordings, kept in a folder because rendering and tracking a drive takes minutes."""
 
-import hashlib
 import io
 import itertools
 import pickle
@@ -15,6 +14,7 @@ from tqdm import tqdm
 from ceiling_dso_ros import dso, simulation
 from ceiling_dso_ros.dso import OdometryConfig, OdometryStatus, TrackingState, hosted_points, status
 from ceiling_dso_ros.dso.durations import nanoseconds
+from ceiling_dso_ros.experiments.source_digest import source_digest
 from ceiling_dso_ros.io.recording import Frame, Recording
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.visual_run import VisualRun
@@ -78,7 +78,7 @@ class Kept:
 
     def statuses(self, recording: Recording, name: str, run: OdometryRun = OdometryRun()) -> Statuses:
         """Status of every image of a recording, from the folder if there is a result of that name, else tracked now."""
-        path, version = self.folder / f"{name}.pickle", _version()
+        path, version = self.folder / f"{name}.pickle", source_digest(dso, simulation)
         if self.fresh or not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             path.write_bytes(pickle.dumps((version, run.track(recording, name))))
@@ -124,11 +124,3 @@ def _state(kind: type, name: str) -> TrackingState:
     if kind is not TrackingState:
         raise pickle.UnpicklingError(f"{kind}.{name} is no part of a result; --fresh tracks again")
     return TrackingState[name]
-
-
-def _version() -> str:
-    """Digest of everything that the odometry's results depend on."""
-    sources = (
-        path for package in (dso, simulation) for folder in package.__path__ for path in Path(folder).rglob("*.py")
-    )
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

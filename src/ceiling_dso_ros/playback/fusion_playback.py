@@ -5,7 +5,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from ceiling_dso_ros.dso import CameraMotion, OdometryStatus
+from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryStatus
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState
@@ -13,8 +13,9 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import Recording, RobotDescription, WheelSamples
 from ceiling_dso_ros.io.stamps import LATEST_NS, format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory
-from ceiling_dso_ros.io.warning_log import ignore_warning
+from ceiling_dso_ros.io.warning_log import WarningLog, ignore_warning
 from ceiling_dso_ros.playback.fused_record import FusedRecord, smoothed_trajectory
+from ceiling_dso_ros.playback.wheel_check import uncovered, why_unusable
 from ceiling_dso_ros.playback.wheel_playback import WheelPlayback
 
 
@@ -31,6 +32,28 @@ def robot_model(robot: RobotDescription) -> RobotModel:
         robot.ticks_per_turn,
         camera_time_offset_s=robot.camera_time_offset_s,
     )
+
+
+def usable_fusion(recording: Recording, config: FusionConfig, warnings: WarningLog) -> "Optional[FusionPlayback]":
+    """The fusion of a run; None without usable wheels, which is warned of where there are some.
+
+    Raises:
+        InputError: the robot's dimensions cannot be used.
+    """
+    wheels = recording.wheels
+    if wheels is None:
+        return None
+    problem = why_unusable(recording, wheels)
+    if problem or recording.robot is None:
+        warnings.add(f"{problem}; the wheels are not used")
+        return None
+    missing = uncovered(recording, wheels)
+    if missing:
+        warnings.add(missing)
+    try:
+        return FusionPlayback(wheels, robot_model(recording.robot), config, warnings.add)
+    except ConfigError as error:
+        raise InputError(f"{recording.path}: {error}") from error
 
 
 class FusionPlayback:
