@@ -60,11 +60,12 @@ ROS = (
 # Library -> the layers that may import it.
 LIBRARIES = {
     **dict.fromkeys(ROS, ("ros",)),
+    "distributed": ("experiments",),
     "evo": (),
     "filterpy": ("fusion",),
     "gtsam": ("fusion", "slam", "lidar"),
     "gtsam_unstable": ("fusion", "slam"),
-    "matplotlib": ("evaluation",),
+    "matplotlib": ("evaluation", "experiments"),
     "omegaconf": ("settings",),
     "pyrealsense2": ("drivers",),
     "rosbags": ("io",),

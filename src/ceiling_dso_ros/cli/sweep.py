@@ -2,6 +2,7 @@
 """`sweep`: a study of many runs, with all combinations of settings."""
 
 import argparse
+import importlib.util
 import os
 import sys
 from dataclasses import replace
@@ -14,6 +15,7 @@ from ceiling_dso_ros.cli.wheel_options import add_wheel_options, topics_of_wheel
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
+    from ceiling_dso_ros.experiments.sweep.executors import Executor
     from ceiling_dso_ros.experiments.sweep.plan import Plan
     from ceiling_dso_ros.experiments.sweep.sweep import PlannedRun
 
@@ -48,7 +50,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--dry-run", action="store_true", help="print the runs, and carry none out")
     parser.add_argument("--retry-failed", action="store_true", help="carry runs out again that were not done")
     parser.add_argument("--timed", action="store_true", help="one run at a time, on a core of its own")
-    parser.add_argument("--jobs", metavar="N", type=int, help="runs at a time (default: one for each core)")
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument("--jobs", metavar="N", type=int, help="runs at a time (default: one for each core)")
+    place.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="run on the workers of this Dask scheduler")
     parser.add_argument(
         "--time-limit", metavar="S", type=float, default=7200.0, help="of a run, seconds (default %(default)g)"
     )
@@ -68,14 +72,11 @@ def execute(options: argparse.Namespace) -> None:
         OutputError: a result cannot be written.
         SystemExit: with code 1, after lines that name them, if runs are not done.
     """
-    from ceiling_dso_ros.experiments.sweep.executors import LocalExecutor
     from ceiling_dso_ros.experiments.sweep.store import TABLE, Store
-    from ceiling_dso_ros.experiments.sweep.supervision import Limits
     from ceiling_dso_ros.experiments.sweep.sweep import DONE, carry_out, planned
 
     plan = _plan(options)
     _check_numbers(options)
-    limits = Limits(options.time_limit, options.memory_limit)
     store = Store(options.out)
     if options.dry_run:
         _print_plan(planned(plan, store, options.timed, options.retry_failed))
@@ -83,7 +84,7 @@ def execute(options: argparse.Namespace) -> None:
     require_output_folder(options.out, [TABLE])
     with store.locked():
         runs = planned(plan, store, options.timed, options.retry_failed)
-        executor = LocalExecutor(options.jobs or _cores(), limits, options.timed, _say)
+        executor = _executor(options)
         with _Progress(runs) as progress:
             runs = carry_out(plan, runs, store, executor, options.timed, progress.ended)
     undone = [run for run in runs if run.row is None or run.row["status"] != DONE]
@@ -177,8 +178,17 @@ def _check_numbers(options: argparse.Namespace) -> None:
             raise InputError(f"--{name.replace('_', '-')} {getattr(options, name):g}: above 0")
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
+def _executor(options: argparse.Namespace) -> "Executor":
+    from ceiling_dso_ros.experiments.sweep.dask_executor import DaskExecutor
+    from ceiling_dso_ros.experiments.sweep.executors import LocalExecutor
+    from ceiling_dso_ros.experiments.sweep.supervision import Limits
+
+    limits = Limits(options.time_limit, options.memory_limit)
+    if options.scheduler is None:
+        return LocalExecutor(options.jobs or len(os.sched_getaffinity(0)), limits, options.timed, _say)
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError("--scheduler needs Dask: pip install 'ceiling_dso_ros[study]'")
+    return DaskExecutor(options.scheduler, limits, options.timed)
 
 
 def _say(message: str) -> None:

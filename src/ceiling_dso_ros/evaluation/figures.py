@@ -18,9 +18,9 @@ from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
 from ceiling_dso_ros.io.replacing import replace_file
 
 # Okabe and Ito's palette: told apart by colour-blind readers, too.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_REFERENCE_COLOUR = "#888888"
-_STYLE = {
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+REFERENCE_COLOUR = "#888888"
+STYLE = {
     "font.size": 9,
     "axes.edgecolor": "#555555",
     "axes.spines.top": False,
@@ -36,11 +36,11 @@ _STYLE = {
     "svg.hashsalt": "ceiling_dso_ros",
 }
 # Matplotlib's own fields that change with time or version.
-_METADATA: Dict[str, Dict[str, Optional[str]]] = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
+METADATA: Dict[str, Dict[str, Optional[str]]] = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
 
 
 FIGURES = ("trajectory", "error")
-FILES = tuple(f"{figure}{ending}" for figure in FIGURES for ending in _METADATA)
+FILES = tuple(f"{figure}{ending}" for figure in FIGURES for ending in METADATA)
 
 
 def figure_writers(
@@ -65,7 +65,7 @@ def _trajectory_figure(references_m: Sequence[np.ndarray], evaluations: Sequence
     axes = figure.add_subplot(title="Trajectory from above, aligned to the reference", xlabel="x [m]", ylabel="y [m]")
     for index, (x, y, _) in enumerate(positions_m.T for positions_m in references_m):
         label = None if index else "reference"
-        axes.plot(x, y, color=_REFERENCE_COLOUR, linewidth=2.6, label=label)
+        axes.plot(x, y, color=REFERENCE_COLOUR, linewidth=2.6, label=label)
     for colour, evaluation in zip(_colours(evaluations), evaluations):
         x, y = evaluation.aligned[:, 0, 3], evaluation.aligned[:, 1, 3]
         axes.plot(x, y, color=colour, linewidth=1.1, label=evaluation.name)
@@ -98,7 +98,7 @@ def _error_figure(evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
 
 
 def _colours(evaluations: Sequence[TrajectoryEvaluation]) -> Sequence[str]:
-    return [_COLOURS[index % len(_COLOURS)] for index in range(len(evaluations))]
+    return [COLOURS[index % len(COLOURS)] for index in range(len(evaluations))]
 
 
 def _legend(axes: Axes) -> None:
@@ -108,6 +108,6 @@ def _legend(axes: Axes) -> None:
 
 def _save(draw: Callable[[], Figure], path: Path) -> None:
     content = io.BytesIO()
-    with mpl.rc_context(_STYLE):
-        draw().savefig(content, format=path.suffix[1:], dpi=150, metadata=_METADATA[path.suffix])
+    with mpl.rc_context(STYLE):
+        draw().savefig(content, format=path.suffix[1:], dpi=150, metadata=METADATA[path.suffix])
     replace_file(path, content.getvalue(), "the figure")
