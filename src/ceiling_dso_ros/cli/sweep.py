@@ -31,7 +31,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "sweep",
         help="run a study: recordings x settings x seeds",
         description="Run all combinations of settings over recordings. Each run has a folder in DIR/runs, and a row in "
-        "DIR/runs.csv. What an earlier sweep has done is not done again.",
+        "DIR/runs.csv; DIR/report.html shows all. What an earlier sweep has done is not done again.",
         epilog=EPILOG,
     )
     parser.add_argument("inputs", metavar="INPUT", nargs="*", help="ROS 1 bags, or folders in the TUM-mono layout")
@@ -72,6 +72,8 @@ def execute(options: argparse.Namespace) -> None:
         OutputError: a result cannot be written.
         SystemExit: with code 1, after lines that name them, if runs are not done.
     """
+    from ceiling_dso_ros.experiments.report.page import write_report
+    from ceiling_dso_ros.experiments.report.study import read_study
     from ceiling_dso_ros.experiments.sweep.store import TABLE, Store
     from ceiling_dso_ros.experiments.sweep.sweep import DONE, carry_out, planned
 
@@ -88,7 +90,8 @@ def execute(options: argparse.Namespace) -> None:
         with _Progress(runs) as progress:
             runs = carry_out(plan, runs, store, executor, options.timed, progress.ended)
     undone = [run for run in runs if run.row is None or run.row["status"] != DONE]
-    print(f"{len(runs) - len(undone)} of {len(runs)} runs are done; {options.out / TABLE}")
+    report = write_report(read_study(options.out))
+    print(f"{len(runs) - len(undone)} of {len(runs)} runs are done; {options.out / TABLE}, {report}")
     for run in undone:
         print(f"{run.name}: {_words(run)}: {_status(run)}", file=sys.stderr)
     if undone:
