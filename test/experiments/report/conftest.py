@@ -73,7 +73,7 @@ def made_up(tmp_path, monkeypatch):
         for sequence in ("square", "loops"):
             (tmp_path / f"{sequence}.bag").write_text(sequence)
         inputs = {sequence: [str(tmp_path / f"{sequence}.bag")] for sequence in ("square", "loops")}
-        baseline = {key: value for key, value in BASELINE.items() if key in grid}
+        baseline = {key: value for key, value in BASELINE.items() if value in grid.get(key, ())}
         shutil.rmtree(tmp_path / name, ignore_errors=True)
         write_made_up_study(tmp_path / name, Plan(inputs, grid, seeds=seeds, baseline=baseline), **options)
         return read_study(tmp_path / name)
