@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ceiling_dso_ros.dso.config import OdometryConfig
-from ceiling_dso_ros.experiments.sweep import executors, plan, supervision
+from ceiling_dso_ros.experiments.sweep import plan, supervision
 from ceiling_dso_ros.experiments.sweep.conditions import Conditions
 from ceiling_dso_ros.experiments.sweep.run_spec import Opening, RunSpec
 from ceiling_dso_ros.fusion.config import FusionConfig
@@ -31,5 +31,4 @@ def acting(monkeypatch):
     """The local executor uses the acting worker, and recordings need not exist."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     monkeypatch.setattr(supervision.SupervisedWorker.__init__, "__defaults__", ("acting_worker",))
-    monkeypatch.setattr(executors, "load_kernels", lambda tell: None)
     monkeypatch.setattr(plan.Plan, "_references", lambda self, path: (None, None))

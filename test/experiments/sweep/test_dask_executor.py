@@ -20,9 +20,8 @@ distributed = pytest.importorskip("distributed")
 SETUP = """
 import sys
 sys.path.insert(0, {path!r})
-from ceiling_dso_ros.experiments.sweep import dask_executor, supervision
+from ceiling_dso_ros.experiments.sweep import supervision
 supervision.SupervisedWorker.__init__.__defaults__ = ("acting_worker",)
-dask_executor.load_kernels = lambda tell: None
 """
 
 

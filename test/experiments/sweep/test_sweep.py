@@ -116,9 +116,8 @@ SWEEP = """
 import sys
 sys.path[:0] = {paths!r}
 import test_sweep
-from ceiling_dso_ros.experiments.sweep import executors, plan, supervision
+from ceiling_dso_ros.experiments.sweep import plan, supervision
 supervision.SupervisedWorker.__init__.__defaults__ = ("acting_worker",)
-executors.load_kernels = lambda tell: None
 plan.Plan._references = lambda self, path: (None, None)
 from pathlib import Path
 test_sweep.study(plan.Plan({{"tour": [{drive!r}]}}, seeds=200), Path({out!r}), jobs=2)
@@ -138,7 +137,7 @@ def test_killed_at_any_moment_it_goes_on(drive, tmp_path):
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         assert ended <= len([*out.glob("runs/*")]) < 200
-    assert len(study(plan, out)[1]) < 140
+    assert len(study(plan, out)[1]) <= 140
     assert table(out) == table(tmp_path / "whole")
     assert sorted(path.name for path in out.iterdir()) == sorted(path.name for path in (tmp_path / "whole").iterdir())
 

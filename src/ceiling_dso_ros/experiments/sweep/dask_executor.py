@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple
 from urllib.parse import urlsplit
 
-from ceiling_dso_ros.dso.warmup import load_kernels
 from ceiling_dso_ros.experiments.sweep.executors import Ended, Executor, Job
 from ceiling_dso_ros.experiments.sweep.run_spec import code_digest
 from ceiling_dso_ros.experiments.sweep.supervision import TRIES, Limits, Outcome, SupervisedWorker
@@ -40,7 +39,9 @@ class DaskExecutor(Executor):
 
         with self._connected() as client:
             hosts = self._one_worker_of_each_host(client)
-            prepared = [client.submit(_prepare, code_digest(), workers=[each], pure=False) for each in hosts]
+            prepared = [
+                client.submit(_prepare, self._limits, code_digest(), workers=[each], pure=False) for each in hosts
+            ]
             client.gather(prepared)
             place = {"workers": hosts, "allow_other_workers": False} if self._timed else {}
             jobs_of = {}
@@ -88,16 +89,16 @@ def _ended(job: Job, future: Any, folder: Path) -> Ended:  # noqa: ANN401
     return Ended(job, outcome, folder, host)
 
 
-def _prepare(code: str) -> None:
+def _prepare(limits: Limits, code: str) -> None:
     """Compile the kernels on the host of this worker."""
     _require_same(code)
-    load_kernels(print)
+    _worker(limits).prepare(print)
 
 
 def _carry_out(spec: Dict[str, Any], limits: Limits, timed: bool, code: str) -> Tuple[Outcome, Files, str]:
     """The task: a run in a process of its own, and the contents of its files."""
     _require_same(code)
-    worker = _workers.setdefault((threading.get_ident(), limits), SupervisedWorker(limits))
+    worker = _worker(limits)
     cores = sorted(os.sched_getaffinity(0))
     with tempfile.TemporaryDirectory(prefix="ceiling_dso_") as folder:
         if timed:
@@ -107,6 +108,11 @@ def _carry_out(spec: Dict[str, Any], limits: Limits, timed: bool, code: str) -> 
             outcome = worker.run(spec, Path(folder), timed, cores)
         files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
     return outcome, files, socket.gethostname()
+
+
+def _worker(limits: Limits) -> SupervisedWorker:
+    """That of this thread."""
+    return _workers.setdefault((threading.get_ident(), limits), SupervisedWorker(limits))
 
 
 def _require_same(code: str) -> None:

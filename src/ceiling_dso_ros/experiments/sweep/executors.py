@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, Iterator, List, Optional, Sequence, Union
 
-from ceiling_dso_ros.dso.warmup import load_kernels
 from ceiling_dso_ros.experiments.sweep.run_spec import RunSpec
 from ceiling_dso_ros.experiments.sweep.supervision import Limits, Outcome, SupervisedWorker
 
@@ -70,7 +69,6 @@ class LocalExecutor(Executor):
 
     def carry_out(self, jobs: Sequence[Job], new_folder: Callable[[], Path]) -> Iterator[Ended]:
         """See Executor."""
-        load_kernels(self._tell)  # or every process would compile them
         waiting: queue.SimpleQueue[Optional[Job]] = queue.SimpleQueue()
         ended: queue.SimpleQueue[Union[Ended, BaseException]] = queue.SimpleQueue()
         count = min(self._workers, len(jobs))
@@ -82,6 +80,8 @@ class LocalExecutor(Executor):
             for worker in workers
         ]
         try:
+            for worker in workers[:1]:
+                worker.prepare(self._tell)  # before the others, or each would compile the kernels
             for thread in threads:
                 thread.start()
             for _ in jobs:

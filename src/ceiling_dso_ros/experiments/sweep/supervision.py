@@ -11,7 +11,7 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Dict, List, Optional, Sequence
+from typing import IO, Any, Callable, Dict, List, Optional, Sequence
 
 from ceiling_dso_ros.experiments.sweep.answering import LOG, READY
 from ceiling_dso_ros.io.errors import one_line
@@ -20,6 +20,7 @@ from ceiling_dso_ros.io.errors import one_line
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 WORKER = "ceiling_dso_ros.experiments.sweep.worker"
 POLL_S = 0.1
+PATIENCE_S = 20.0  # for a process that has nothing to compile
 START_LIMIT_S = 900.0  # compiling all kernels takes some minutes on a slow computer
 PAGE = os.sysconf("SC_PAGE_SIZE")
 LAST_WORDS = 5  # lines of a log
@@ -62,7 +63,15 @@ class SupervisedWorker:
     def __init__(self, limits: Limits, module: str = WORKER) -> None:
         self._limits, self._module = limits, module
         self._process: Optional[subprocess.Popen] = None
+        self._is_ready = False
         self._errors: Optional[IO[str]] = None
+
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        """Start the process, which compiles the kernels where they are missing; tell is told if that takes long."""
+        process = self._process or self._start()
+        if not _can_read(process, PATIENCE_S):
+            tell("compiling the kernels, which takes a minute or two the first time")
+            _can_read(process, START_LIMIT_S)
 
     def run(self, spec: Dict[str, Any], folder: Path, timed: bool, cores: Sequence[int]) -> Outcome:
         """Carry out a run.
@@ -90,11 +99,11 @@ class SupervisedWorker:
                 with contextlib.suppress(OSError):
                     if stream is not None:
                         stream.close()
-        self._process = None
+        self._process, self._is_ready = None, False
 
     def _try(self, job: Dict[str, Any]) -> Outcome:
         try:
-            process = self._started()
+            process = self._ready()
             if process is None:
                 return self._ended(Outcome("crashed", f"no process for runs could be started: {self._said()}"))
             assert process.stdin is not None
@@ -122,9 +131,16 @@ class SupervisedWorker:
             return self._ended(Outcome("crashed", _with_last_words(text, log)))
         return Outcome(**json.loads(line))
 
-    def _started(self) -> Optional[subprocess.Popen]:
-        if self._process is not None:
-            return self._process
+    def _ready(self) -> Optional[subprocess.Popen]:
+        """The process, None if it does not get ready."""
+        process = self._process or self._start()
+        if self._is_ready:
+            return process
+        assert process.stdout is not None
+        self._is_ready = _can_read(process, START_LIMIT_S) and process.stdout.readline().strip() == READY
+        return process if self._is_ready else None
+
+    def _start(self) -> subprocess.Popen:
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  # closed with the process
         path = os.pathsep.join(path for path in sys.path if path)
         self._process = subprocess.Popen(
@@ -132,10 +148,7 @@ class SupervisedWorker:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True,
             env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
         )  # fmt: skip
-        assert self._process.stdout is not None
-        if _can_read(self._process, START_LIMIT_S) and self._process.stdout.readline().strip() == READY:
-            return self._process
-        return None
+        return self._process
 
     def _ended(self, outcome: Outcome) -> Outcome:
         """Do not use the process again."""
