@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.experiments.sweep.sweep import PlannedRun
 
 EPILOG = """dimensions: all settings of `run --set` (window.max_keyframes, fusion.graph.window, ...); of the recording
-size, fps, start, duration, no_exposure, predict; disturbances drop (share of the images), noise (grey levels), blur
-(pixels), exposure (share of the brightness), stamp_jitter (seconds). A seed draws the disturbances, and leaves out as
-many images at the begin as its number."""
+size, fps, start, duration, no_exposure, no_prediction; disturbances drop (share of the images), noise (grey levels),
+blur (pixels), exposure (share of the brightness), stamp_jitter (seconds). A seed draws the disturbances, and leaves out
+as many images at the begin as its number."""
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:

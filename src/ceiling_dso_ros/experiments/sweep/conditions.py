@@ -19,7 +19,7 @@ class Conditions:
         start: begin of the part that is used, seconds after the first image.
         duration: its length, seconds; 0 for all that follows.
         no_exposure: the exposure times are not used.
-        predict: the wheels predict the motion of the camera.
+        no_prediction: the wheels do not predict the motion of the camera.
         drop: share of the images that are lost on the way.
         noise: standard deviation of noise that is added, grey levels of 255.
         blur: standard deviation of a Gaussian that blurs the images, pixels.
@@ -32,7 +32,7 @@ class Conditions:
     start: float = 0.0
     duration: float = 0.0
     no_exposure: bool = False
-    predict: bool = False
+    no_prediction: bool = False
     drop: float = 0.0
     noise: float = 0.0
     blur: float = 0.0

@@ -79,9 +79,7 @@ def carry_out(spec: RunSpec, folder: Path, timed: bool) -> Dict[str, Any]:
     except ConfigError as error:
         raise InputError(f"{recording.path}: {error}") from error
     fusion = usable_fusion(recording, spec.fusion, warnings)
-    if fusion is None and spec.conditions.predict:
-        raise InputError(f"{recording.path}: predict needs wheels that can be used")
-    playback = Playback(visual, warnings, fusion, spec.conditions.predict)
+    playback = Playback(visual, warnings, fusion, not spec.conditions.no_prediction)
     write_settings(folder / "config.yaml", spec.odometry)
     if fusion is not None:
         write_settings(folder / "fusion.yaml", spec.fusion)
