@@ -70,7 +70,7 @@ class SupervisedWorker:
         """Start the process, which compiles the kernels where they are missing; tell is told if that takes long."""
         process = self._process or self._start()
         if not _can_read(process, PATIENCE_S):
-            tell("compiling the kernels, which takes a minute or two the first time")
+            tell("waiting for the kernels, which are compiled where they are missing: a minute or two the first time")
             _can_read(process, START_LIMIT_S)
 
     def run(self, spec: Dict[str, Any], folder: Path, timed: bool, cores: Sequence[int]) -> Outcome:
