@@ -31,7 +31,7 @@ const element = document.documentElement, edge = element.clientWidth + 1;
 const boxes = selector => [...document.querySelectorAll(selector)].map(each => each.getBoundingClientRect());
 parent.document.title = [
     "width", element.scrollWidth,
-    "wide", boxes("figure svg, p, h1, h2, .scroll").filter(box => box.right > edge).length,
+    "wide", boxes("figure, figcaption, p, h1, h2, .scroll").filter(box => box.right > edge).length,
     "flat", boxes("figure svg").filter(box => box.height < 100).length,
     "loaded", performance.getEntriesByType("resource").length,
     "errors", document.querySelectorAll("parsererror").length,

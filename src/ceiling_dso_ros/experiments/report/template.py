@@ -11,16 +11,17 @@ PAGE = """<!DOCTYPE html>
 body { font: 15px/1.45 sans-serif; color: #222; margin: 0 auto; padding: 1em; max-width: 60em; }
 h1 { font-size: 1.5em; } h2 { font-size: 1.2em; margin-top: 2em; }
 figure { margin: 1.5em 0; break-inside: avoid; }
-figure svg { display: block; width: 100%; height: auto; }
-figcaption, caption { text-align: left; color: #555; font-size: .9em; padding: .3em 0; }
-.scroll { overflow-x: auto; margin: 1.5em 0; }
+figure svg { display: block; width: 100%; min-width: 36em; height: auto; }
+figcaption, .caption { color: #555; font-size: .9em; padding: .3em 0; }
+.scroll { overflow-x: auto; } .caption { margin: 1.5em 0 0; }
 table { border-collapse: collapse; font-size: .85em; break-inside: auto; }
 th, td { text-align: right; padding: .2em .6em; border-bottom: 1px solid #ddd; white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; }
 thead th { border-bottom: 1px solid #555; vertical-align: bottom; }
 .alarming { color: #a33000; font-weight: bold; }
 a { color: #0072b2; }
-@media print { body { max-width: none; padding: 0; } .scroll { overflow: visible; } table { font-size: .6em; }
+@media print { body { max-width: none; padding: 0; } .scroll { overflow: visible; }
+  figure svg { min-width: 0; } table { font-size: .6em; }
   th, td { white-space: normal; } tr { break-inside: avoid; } a { color: inherit; text-decoration: none; } }
 </style>
 </head>
@@ -34,16 +35,16 @@ folder of its run; where it is of several runs, the numbers behind it do.</p>
 <h2>Figures</h2>
 {% for figure in figures %}
 <figure id="{{ figure.name }}">
-{{ inline[figure.name] | safe }}
+<div class="scroll">{{ inline[figure.name] | safe }}</div>
 <figcaption>{{ figure.caption }} <a href="figures/{{ figure.name }}.svg">SVG</a></figcaption>
 </figure>
 {% endfor %}
 <h2>Tables</h2>
 {% for table in tables %}
+<p class="caption">{{ table.caption }} <a href="tables/{{ table.name }}.csv">CSV</a>
+<a href="tables/{{ table.name }}.tex">LaTeX</a></p>
 <div class="scroll">
 <table id="{{ table.name }}">
-<caption>{{ table.caption }} <a href="tables/{{ table.name }}.csv">CSV</a>
-<a href="tables/{{ table.name }}.tex">LaTeX</a></caption>
 {% if table.rows %}
 <thead><tr>{% for header in table.headers %}<th>{{ header }}</th>{% endfor %}</tr></thead>
 <tbody>
