@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.experiments.sweep.rows import VOLATILE
 
 TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
@@ -49,10 +50,13 @@ def test_one_process_and_a_cluster_of_two_give_the_same_bytes(folder, command, t
     assert run["spec"]["conditions"]["noise"] == 1.0
 
 
-def test_the_plan_is_printed(folder, command, tmp_path):
-    result = command("sweep", folder, "--out", tmp_path / "out", "--grid", "fps=15,30", "--seeds", 2, "--dry-run")
-    assert result.returncode == 0
-    lines = result.stdout.splitlines()
+def sweep(*words):
+    return main(["sweep", *map(str, words)])
+
+
+def test_the_plan_is_printed(folder, tmp_path, capsys):
+    assert sweep(folder, "--out", tmp_path / "out", "--grid", "fps=15,30", "--seeds", 2, "--dry-run") == 0
+    lines = capsys.readouterr().out.splitlines()
     assert [line.split(" ", 1)[1].split(":")[0].strip() for line in lines[:2]] == [
         "tour tour fps=15 seed=0", "tour tour fps=15 seed=1",
     ]  # fmt: skip
@@ -69,9 +73,9 @@ def test_the_plan_is_printed(folder, command, tmp_path):
         (["--baseline", "fps=3"], "baseline fps=3: is not in the grid"),
     ],
 )
-def test_wrong_usage_is_one_line(folder, command, tmp_path, words, message):
-    result = command("sweep", folder, "--out", tmp_path / "out", *words)
-    assert result.returncode == 2
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    assert message in result.stderr
+def test_wrong_usage_is_one_line(folder, tmp_path, capsys, words, message):
+    assert sweep(folder, "--out", tmp_path / "out", *words) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert message in said

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Studies whose runs are made up: the report knows nothing of how a run came about."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -65,17 +63,17 @@ def write_made_up_study(folder, plan, first_seed=0, factor=1.0, failing=()):
         store.write_table(plan, [run.as_row() for run in runs])
 
 
-@pytest.fixture
-def made_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(Plan, "_references", lambda self, path: (None, None))
+@pytest.fixture(scope="module")
+def made_up(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Plan, "_references", lambda self, path: (None, None))
+        yield lambda *names, **options: make_up(tmp_path_factory.mktemp("studies"), *names, **options)
 
-    def make(name="study", grid=GRID, seeds=1, **options):
-        for sequence in ("square", "loops"):
-            (tmp_path / f"{sequence}.bag").write_text(sequence)
-        inputs = {sequence: [str(tmp_path / f"{sequence}.bag")] for sequence in ("square", "loops")}
-        baseline = {key: value for key, value in BASELINE.items() if value in grid.get(key, ())}
-        shutil.rmtree(tmp_path / name, ignore_errors=True)
-        write_made_up_study(tmp_path / name, Plan(inputs, grid, seeds=seeds, baseline=baseline), **options)
-        return read_study(tmp_path / name)
 
-    return make
+def make_up(folder, name="study", grid=GRID, seeds=1, **options):
+    for sequence in ("square", "loops"):
+        (folder / f"{sequence}.bag").write_text(sequence)
+    inputs = {sequence: [str(folder / f"{sequence}.bag")] for sequence in ("square", "loops")}
+    baseline = {key: value for key, value in BASELINE.items() if value in grid.get(key, ())}
+    write_made_up_study(folder / name, Plan(inputs, grid, seeds=seeds, baseline=baseline), **options)
+    return read_study(folder / name)

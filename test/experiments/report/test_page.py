@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from ceiling_dso_ros.experiments.report.page import write_report
+from ceiling_dso_ros.experiments.report.page import REPORT, write_report
 from ceiling_dso_ros.experiments.report.study import read_study
 from ceiling_dso_ros.experiments.report.tables import study_tables
 from ceiling_dso_ros.io.errors import InputError
@@ -62,9 +62,16 @@ def rows_in(table):
     return rows_of(table.as_csv().decode())
 
 
-def test_the_page_has_everything_and_needs_nothing_else(made_up):
-    study = made_up(failing=(3,))
-    text = write_report(study).read_text()
+@pytest.fixture(scope="module")
+def study(made_up):
+    """With its report."""
+    made = made_up(failing=(3,))
+    write_report(made)
+    return made
+
+
+def test_the_page_has_everything_and_needs_nothing_else(study):
+    text = (study.folder / REPORT).read_text()
     page = Page(text)
     assert {identity for tag, identity in page.elements if tag == "figure"} == FIGURES
     assert [identity for tag, identity in page.elements if tag == "table"] == [*TABLES]
@@ -79,10 +86,9 @@ def test_the_page_has_everything_and_needs_nothing_else(made_up):
     assert (first["what happened"], first["last words"].split(";")[0]) == ("hung", "not done after 7200 s")
 
 
-def test_the_same_study_gives_the_same_bytes(made_up):
-    study = made_up(grid={"fps": ["15", "30"]})
-    first = write_report(study).read_bytes()
-    assert write_report(made_up(grid={"fps": ["15", "30"]})).read_bytes() == first
+def test_the_same_study_gives_the_same_bytes(study):
+    first = (study.folder / REPORT).read_bytes()
+    assert write_report(read_study(study.folder)).read_bytes() == first
 
 
 def test_tables_have_the_numbers_of_the_runs(made_up):
@@ -110,8 +116,8 @@ def test_no_study(tmp_path):
 @pytest.mark.long
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: scripts/bootstrap --tests installs it")
 @pytest.mark.parametrize("width", [400, 1000])
-def test_in_a_browser_it_fits_and_loads_nothing(made_up, tmp_path, width):
-    report = write_report(made_up(failing=(3,)))
+def test_in_a_browser_it_fits_and_loads_nothing(study, tmp_path, width):
+    report = study.folder / REPORT
     probe = tmp_path / "probe.html"
     # A window of Chromium is at least 500 pixels wide, a frame in it may be narrower.
     framed = html.escape(report.read_text().replace("</body>", f"<script>{MEASURE}</script></body>"))
