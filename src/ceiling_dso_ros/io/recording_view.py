@@ -68,14 +68,16 @@ class RecordingPart(RecordingView):
         if times is None:
             raise InputError(f"{recording.path}: no image has a stamp, so that no part of it can be chosen")
         self._skip = skip
+        self._is_whole = not start_s and not duration_s  # what is wrong with some stamps is then for others to say
         self._first_ns = times.first_ns + round(start_s * NANOSECONDS)
         end_ns = self._first_ns + round(duration_s * NANOSECONDS)
         self._last_ns = min(times.last_ns, end_ns) if duration_s else times.last_ns
         self._times = times
 
     def images(self) -> Iterator[ListedImage]:
-        """See Recording; an image without a stamp belongs to the part if it is listed within it."""
-        return islice(self._within(), self._skip, None)
+        """See Recording; an image without a stamp belongs to a part if it is listed after its first."""
+        images = self._recording.images() if self._is_whole else self._within()
+        return islice(images, self._skip, None)
 
     def image_times(self) -> ImageTimes:
         """See Recording."""
@@ -85,8 +87,8 @@ class RecordingPart(RecordingView):
     def wheels(self) -> Optional[WheelSamples]:
         """See Recording; None where the part has none."""
         wheels = self._recording.wheels
-        if wheels is None:
-            return None
+        if wheels is None or self._is_whole:
+            return wheels
         chosen = (wheels.stamps_ns >= self._first_ns) & (wheels.stamps_ns <= self._last_ns)
         if not chosen.any():
             return None
@@ -98,8 +100,6 @@ class RecordingPart(RecordingView):
             if listed.stamp_ns is None:
                 if begun:
                     yield listed
-            elif listed.stamp_ns > self._last_ns:
-                return
-            elif listed.stamp_ns >= self._first_ns:
+            elif self._first_ns <= listed.stamp_ns <= self._last_ns:
                 begun = True
                 yield listed

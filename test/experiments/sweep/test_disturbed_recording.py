@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parts of a recording, and disturbances that nothing but the seed and the image's number decide."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -108,6 +110,16 @@ def test_a_part_has_its_images_and_wheels():
     assert (stamps_ns[0], stamps_ns[-1]) == (times.first_ns, times.last_ns)
     assert len(part.wheels.readings) == len(stamps_ns)
     assert RecordingPart(Images(), start_s=100.0).wheels is None
+
+
+def test_one_wrong_stamp_does_not_end_a_part():
+    class Ahead(Images):
+        def images(self):
+            for index, image in enumerate(super().images()):
+                yield replace(image, stamp_ns=image.stamp_ns + (3_600_000_000_000 if index == 50 else 0))
+
+    assert len([*RecordingPart(Ahead()).images()]) == COUNT
+    assert len([*RecordingPart(Ahead(), duration_s=5.0).images()]) == 100
 
 
 def test_the_whole_is_a_part():

@@ -84,7 +84,7 @@ def carry_out(spec: RunSpec, folder: Path, timed: bool) -> Dict[str, Any]:
     if fusion is not None:
         write_settings(folder / "fusion.yaml", spec.fusion)
     unit_ms = [machine_ms(UNIT_RUNS)] if timed else []
-    playback.play(recording.frames(spec.conditions.fps))
+    playback.play(recording.frames(spec.conditions.fps, None if fusion is None else recording.wheels))
     unit_ms += [machine_ms(UNIT_RUNS)] if timed else []
     warnings.end()
     playback.write(folder, "complete")
