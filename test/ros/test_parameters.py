@@ -131,6 +131,21 @@ def test_an_image_size_is_two_numbers(server, text):
         parameters.read(DsoParameters, OdometryConfig)
 
 
+@pytest.mark.parametrize("text", ["~no-such-user/a", "/a\0b", "/a\ud800"])
+def test_what_cannot_be_a_path_is_refused_in_one_line(text):
+    for read in (parameters.file_path, parameters.output_folder):
+        with pytest.raises(InputError) as caught:
+            read(text)
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("frame_rate", [1e-300, 1e-4])
+def test_a_rate_below_one_image_an_hour_is_refused(server, frame_rate):
+    server["frame_rate"] = frame_rate
+    with pytest.raises(InputError, match=rf"^/node: frame_rate={frame_rate:g}: 0 for all images, or .*more a second$"):
+        parameters.read(DsoParameters, OdometryConfig)
+
+
 @pytest.mark.parametrize("kind", [DsoParameters, WheelParameters, FusionParameters, SimulationParameters])
 def test_defaults_are_right_and_of_types_that_the_parameter_server_knows(kind):
     kind().check()

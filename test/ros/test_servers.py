@@ -10,6 +10,7 @@ pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built works
 pytestmark = pytest.mark.ros
 
 import rospy  # noqa: E402
+from dynamic_reconfigure.encoding import Config  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rosless import Rosless  # noqa: E402
@@ -17,13 +18,16 @@ from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from straight_drive import Drive  # noqa: E402
 
+from ceiling_dso_ros.cfg import DsoConfig  # noqa: E402
 from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
+from ceiling_dso_ros.io.ros_messages import planar_pose  # noqa: E402
 from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
-from ceiling_dso_ros.ros import diagnostics, trajectory_keeper  # noqa: E402
+from ceiling_dso_ros.ros import diagnostics, run_clock, trajectory_keeper  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
 from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
+from ceiling_dso_ros.ros.reconfigure import ReconfigureServer  # noqa: E402
 from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
 from ceiling_dso_ros.srv import SetPoseRequest  # noqa: E402
 
@@ -172,6 +176,60 @@ def test_answers_of_services_are_one_line_of_bounded_length(fusion):
     assert answer.message.endswith(", not in odom")
 
 
+@pytest.mark.parametrize(
+    ("directory", "complaint"),
+    [
+        ("", "directory is empty: name the folder to write to"),
+        ("~no-such-user/out", "~no-such-user/out: this home is unknown: "),
+        ("/tmp/a\0b", "'/tmp/a\\x00b': no file has a NUL in its name"),
+        ("/tmp/\ud800", "'/tmp/\\ud800': no name of a file: "),
+        ("/dev/null", "/dev/null: cannot write there: "),
+    ],
+)
+def test_trajectories_are_not_saved_where_there_is_no_folder(fusion, directory, complaint):
+    fusion.go_on(3)
+    answer = fusion.world.call("~save_trajectory", directory=directory)
+    assert not answer.success
+    assert answer.message.startswith(complaint)
+    assert answer.message.isprintable()
+
+
+@pytest.mark.parametrize("below", [".", "new"])
+def test_nothing_is_saved_into_the_folder_where_results_are_kept(fusion, tmp_path, below):
+    """It would replace a file to which the node goes on writing."""
+    fusion.go_on(30)
+    spool = fusion.server._keeper.spool
+    answer = fusion.world.call("~save_trajectory", directory=str(spool.path / below))
+    assert not answer.success
+    assert answer.message.endswith(f"a node keeps its results in {spool.path}; choose a folder outside of it")
+    fusion.go_on(30)
+    assert fusion.world.call("~save_trajectory", directory=str(tmp_path / "out")).success
+    assert len(read_tum(tmp_path / "out" / "fused.tum")) == fusion.outputs
+
+
+def test_what_was_saved_is_said_in_one_line(fusion, tmp_path):
+    fusion.go_on(30)
+    answer = fusion.world.call("~save_trajectory", directory=str(tmp_path / "two\nlines"))
+    assert answer.success
+    assert answer.message.startswith(f"{tmp_path / 'two lines'}: wheel.tum (")
+    assert answer.message.isprintable()
+    assert (tmp_path / "two\nlines" / "fused.tum").exists()
+
+
+@pytest.mark.parametrize(("x_m", "is_taken"), [(1e8, False), (-5.1e7, False), (5e7, True), (-5e7, True)])
+def test_a_pose_is_set_only_to_where_the_robot_can_drive_on(fusion, x_m, is_taken):
+    """What is published from then on can be read by whoever reads poses as this package does."""
+    fusion.go_on(30)
+    pose = PoseStamped()
+    pose.pose.position.x, pose.pose.orientation.w = x_m, 1.0
+    answer = fusion.world.services["~set_pose"](SetPoseRequest(pose))
+    assert answer.success == is_taken
+    assert is_taken or "the pose has a number beyond 5e+07" in answer.message
+    fusion.go_on(30)
+    x, _, _ = planar_pose(fusion.world.newest[OUTPUT].pose.pose)
+    assert abs(x - (x_m if is_taken else 0.0)) < 10.0
+
+
 def test_a_home_that_cannot_be_written_stops_nothing(rosless, ros_home, tmp_path):
     ros_home.touch()
     fusion = FusionDrive(rosless(robot=ROBOT))
@@ -202,6 +260,19 @@ def test_one_file_that_cannot_be_written_is_named_with_its_reason(fusion, tmp_pa
     assert not answer.success
     assert "fused.tum: cannot write the trajectory: Is a directory; written: wheel.tum (98 poses)" in answer.message
     assert len(read_tum(tmp_path / "out" / "fused_smoothed.tum")) > 5
+
+
+def test_results_that_the_disk_does_not_take_are_warned_of_once_and_counted(fusion, monkeypatch):
+    monkeypatch.setattr("ceiling_dso_ros.io.rolling_file.MOST_PENDING", 50)
+    keeper = fusion.server._keeper
+    for _ in range(2):
+        for _ in range(3):
+            keeper.spool._files["motions.bin"].append(bytes(40))
+        keeper._flush()
+        assert "the disk did not answer for too long" in fusion.world.diagnostics().message
+    assert len([line for line in fusion.world.logged if "the disk did not answer for too long" in line]) == 1
+    values = {pair.key: pair.value for pair in fusion.world.diagnostics().values}
+    assert values["results not kept"] == "4"
 
 
 def test_a_run_that_was_killed_is_pointed_to(rosless, ros_home):
@@ -262,6 +333,17 @@ def test_a_size_that_cannot_be_tracked_is_stated_and_survived(camera):
     assert status.message in camera.world.diagnostics().message
     camera.calibrate()
     assert camera.see().state == VisualOdometryStatus.INITIALIZING
+
+
+def test_a_rate_that_makes_no_sense_is_refused_while_the_node_runs(camera):
+    """As dynamic_reconfigure would set it; all other changes that come with it are refused, too."""
+    server = ReconfigureServer.__new__(ReconfigureServer)  # its own begin needs a master
+    server.type, server.ns, server.mutex = DsoConfig, "~/", threading.Lock()
+    server.config, server.callback = Config(DsoConfig.defaults), camera.server._reconfigure
+    with pytest.raises(rospy.ServiceException, match=r"frame_rate=1e-300: 0 for all .*; nothing is changed$"):
+        server.update_configuration({"frame_rate": 1e-300, "map_period": 7.0})
+    assert camera.server._map.period_s != 7.0
+    assert server.config["frame_rate"] == 0.0
 
 
 def test_a_camera_info_of_other_images_costs_neither_map_nor_memory(camera):
@@ -325,6 +407,21 @@ def test_a_wheel_sample_at_the_moment_of_the_end_is_no_error(fusion, monkeypatch
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)  # before is_shutdown, which is not yet
     fusion.hear_wheels()
     assert not rospy.is_shutdown()
+
+
+def test_a_wheel_sample_an_hour_ahead_costs_nothing_while_time_is_simulated(rosless, monkeypatch):
+    monkeypatch.setattr(run_clock, "time_is_simulated", lambda: True)
+    fusion = FusionDrive(rosless(robot=ROBOT))
+    fusion.go_on(60)
+    wrong = Odometry(header=Header(stamp=ros_time(fusion.drive.image_ns(60) + 3600 * 10**9), frame_id="odom"))
+    wrong.pose.pose.orientation.w = 1.0
+    x_m, outputs = fusion.world.newest[OUTPUT].pose.pose.position.x, fusion.outputs
+    fusion.world.callbacks["wheel/odometry"](wrong)
+    assert fusion.outputs == outputs
+    assert "far from that of the last one, and alone" in fusion.world.diagnostics().message
+    fusion.go_on(60)
+    assert fusion.world.newest[OUTPUT].pose.pose.position.x > x_m > 0.0
+    assert fusion.world.newest["fusion/status"].resets == 0
 
 
 def test_a_topic_that_is_closed_without_an_end_is_an_error(fusion, monkeypatch):

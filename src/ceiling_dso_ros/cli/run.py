@@ -72,14 +72,14 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
+    from ceiling_dso_ros.io.frame_rate import require_frame_rate
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
 
-    if not 0.0 <= options.fps < float("inf"):
-        raise InputError(f"--fps {options.fps:g}: 0 or more")
+    require_frame_rate(options.fps, "--fps ")
     of_odometry, of_fusion = split_overrides(options.overrides)
     config = load_settings(options.config, of_odometry, OdometryConfig)
     fusion_config = load_settings(options.fusion_config, of_fusion, FusionConfig)

@@ -18,7 +18,7 @@ from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialSche
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError, one_line
-from ceiling_dso_ros.io.frame_rate import FrameRateLimit
+from ceiling_dso_ros.io.frame_rate import FrameRateLimit, require_frame_rate
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.msg import MotionPrediction, VisualOdometryStatus
@@ -258,12 +258,12 @@ class DsoServer:
             Its time on the inner clock, nanoseconds.
 
         Raises:
-            FrameError: there is no stamp, or it is not later than that of the last image.
+            FrameError: there is no stamp, it is not later than that of the last image, or it is not believed.
         """
         if stamp_ns == 0:
             raise FrameError("it has no stamp")
         kind = self._clock.follow(stamp_ns, self._start_anew)
-        if kind in (StampKind.REPEATED, StampKind.LATE):
+        if kind in (StampKind.REPEATED, StampKind.LATE, StampKind.DOUBTED):
             raise FrameError(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
         return self._clock.inner_ns(stamp_ns)
 
@@ -281,6 +281,7 @@ class DsoServer:
         self._publisher.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
+        require_frame_rate(settings.frame_rate, "frame_rate=")
         self._frame_rate.frame_rate = settings.frame_rate
         self._publisher.covariance_scale = settings.covariance_scale
         self._publisher.path.length, self._publisher.path.period_s = settings.path_length, settings.path_period
@@ -318,6 +319,7 @@ class DsoServer:
             report.mergeSummary(diagnostics.WARN, self._exposures.complaint)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
+        report.add("results not kept", str(self._keeper.lost))
         report.add("processing [ms]", f"{status.processing_ms:.1f}")
         report.add("photometric error [grey levels]", f"{status.rmse:.2f}")
         report.add("active points", str(status.active_points))
