@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn, Optional, Sequence
 
 from ceiling_dso_ros import __version__
-from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, record, reference, run, simulate
+from ceiling_dso_ros.cli import benchmark, calibrate, collect, evaluate, mapping, record, reference, run, simulate
 from ceiling_dso_ros.cli.outputs import complain
 from ceiling_dso_ros.cli.standard_streams import forgive_standard_streams
 from ceiling_dso_ros.io.errors import InputError, OutputError, one_line
@@ -17,7 +17,7 @@ from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 PROGRAM = "ceiling-dso"  # as pip installs it
-COMMANDS = (run, evaluate, reference, collect, calibrate, simulate, benchmark, record)
+COMMANDS = (run, evaluate, reference, collect, calibrate, simulate, benchmark, record, mapping)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add them, with the recording itself."""
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
+    add_camera_options(parser)
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Add those that say where the images are and what they mean."""
     parser.add_argument(
         "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
     )

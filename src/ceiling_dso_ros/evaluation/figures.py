@@ -18,7 +18,7 @@ from ceiling_dso_ros.evaluation.report import TrajectoryEvaluation
 from ceiling_dso_ros.io.replacing import replace_file
 
 # Okabe and Ito's palette: told apart by colour-blind readers, too.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _REFERENCE_COLOUR = "#888888"
 _STYLE = {
     "font.size": 9,
@@ -56,7 +56,7 @@ def figure_writers(
         "trajectory": functools.lru_cache(maxsize=None)(lambda: _trajectory_figure(references_m, evaluations)),
         "error": functools.lru_cache(maxsize=None)(lambda: _error_figure(evaluations)),
     }
-    return {name: functools.partial(_save, draw[name.split(".")[0]]) for name in FILES}
+    return {name: functools.partial(save_figure, draw[name.split(".")[0]]) for name in FILES}
 
 
 def _trajectory_figure(references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
@@ -98,7 +98,7 @@ def _error_figure(evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
 
 
 def _colours(evaluations: Sequence[TrajectoryEvaluation]) -> Sequence[str]:
-    return [_COLOURS[index % len(_COLOURS)] for index in range(len(evaluations))]
+    return [COLOURS[index % len(COLOURS)] for index in range(len(evaluations))]
 
 
 def _legend(axes: Axes) -> None:
@@ -106,7 +106,12 @@ def _legend(axes: Axes) -> None:
     axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def _save(draw: Callable[[], Figure], path: Path) -> None:
+def save_figure(draw: Callable[[], Figure], path: Path) -> None:
+    """Write a figure as PNG or SVG, as the ending says.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
     content = io.BytesIO()
     with mpl.rc_context(_STYLE):
         draw().savefig(content, format=path.suffix[1:], dpi=150, metadata=_METADATA[path.suffix])
