@@ -48,7 +48,7 @@ def test_no_loop_is_wrong(built):
     accepted = [decision for decision in builder.decisions if decision.accepted]
     assert len(accepted) >= 3
     for decision in accepted:
-        truth = planar.between(TRUE[decision.target], TRUE[decision.query])
+        truth = planar.between(TRUE[decision.target_ns], TRUE[decision.query_ns])
         assert np.hypot(*planar.between(truth, decision.motion)[:2]) < 0.05
 
 
@@ -98,7 +98,7 @@ def test_under_a_periodic_roof_nothing_is_found_a_period_further():
     drive(builder, texture, true, ceiling.drifted(true, seed=2))
     for decision in builder.decisions:
         if decision.accepted:
-            truth = planar.between(true[decision.target], true[decision.query])
+            truth = planar.between(true[decision.target_ns], true[decision.query_ns])
             assert np.hypot(*planar.between(truth, decision.motion)[:2]) < 0.1
     localiser = Localiser(builder.site())
     for i, pose in enumerate(true[:14]):

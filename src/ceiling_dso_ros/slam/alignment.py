@@ -24,6 +24,7 @@ FEWEST_POINTS = 60
 SEARCH_LEVEL = 1
 SEARCH_POINTS = 200
 SEARCH_STEP_PX = 1.5
+PEAK_PX = 4.0  # closer shifts belong to the same alignment
 SEARCH_YAWS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
 SEARCH_SHARE = 0.4  # of the points in view that must be in view after a shift
 RELATED_PIXELS = 6.0  # neighbouring residuals are not independent: so many count as one
@@ -128,9 +129,7 @@ class Aligner:
             scores = correlations(points, grey, image, width, height, camera, motions)
             apart = np.hypot(*(motions - found.motion)[:, :2].T) if turn == 0.0 else np.full(len(motions), np.inf)
             likely = (
-                (scores[:, 0] > share * best[0])
-                & (scores[:, 1] > SEARCH_SHARE * best[1])
-                & (apart > RELATED_PIXELS * pixel_m)
+                (scores[:, 0] > share * best[0]) & (scores[:, 1] > SEARCH_SHARE * best[1]) & (apart > PEAK_PX * pixel_m)
             )
             result += [(score, motion) for score, motion in zip(scores[likely, 0], motions[likely])]
         result.sort(key=lambda entry: -entry[0])
@@ -184,7 +183,11 @@ class Aligner:
         return variance * np.linalg.inv(H[:3, :3]) + np.diag([tilt, tilt, 1e-6])
 
     def _correlation(self, a: PreparedView, b: PreparedView, motion: np.ndarray) -> np.ndarray:
-        return correlations(a.record.points, a.greys[0], b.levels[0], *self.sizes[0], self._cameras[0], motion[None])[0]
+        """Not of the finest level, on which noise and lines finer than a pixel decide."""
+        level = SEARCH_LEVEL
+        return correlations(
+            a.record.points, a.greys[level], b.levels[level], *self.sizes[level], self._cameras[level], motion[None]
+        )[0]
 
 
 def _turned_about(motion: np.ndarray, middle: np.ndarray, turn: float) -> np.ndarray:

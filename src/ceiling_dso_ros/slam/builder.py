@@ -32,14 +32,14 @@ class Decision(NamedTuple):
     """What became of a comparison, for those who ask why a loop was closed.
 
     Attributes:
-        query, target: numbers of the keyframes.
+        query_ns, target_ns: stamps of the keyframes.
         accepted: whether it is a loop now.
         reason: why not, in words.
         motion: (3,) T_target_query; None if the views do not show the same place.
     """
 
-    query: int
-    target: int
+    query_ns: int
+    target_ns: int
     accepted: bool
     reason: str
     motion: Optional[np.ndarray]
@@ -127,14 +127,15 @@ class SiteBuilder:
             return
         covariances = self.graph.covariances_from(number, near)
         for target in near:
-            found = self._verifier.verify(self._records[target][0], step.record)
+            gate = Gate(self.graph.predicted(target, number), covariances[target])
+            found = self._verifier.verify(self._records[target][0], step.record, gate.expected)
             if not isinstance(found, Verified):
-                self.decisions.append(Decision(number, target, False, found.reason, None))
+                self._decide(number, target, found.reason, None)
                 continue
             seen = Sighting(number, target, found.motion, found.covariance, found.others)
-            reason = Gate(self.graph.predicted(target, number), covariances[target]).why_not(seen)
+            reason = gate.why_not(seen)
             if reason:
-                self.decisions.append(Decision(number, target, False, reason, found.motion))
+                self._decide(number, target, reason, found.motion)
             else:
                 self._waiting.append(seen)
 
@@ -160,9 +161,14 @@ class SiteBuilder:
         settled = [(seen.query, seen.target) for seen in sightings]
         self._waiting = [seen for seen in self._waiting if (seen.query, seen.target) not in settled]
         for seen in sightings:
-            self.decisions.append(Decision(seen.query, seen.target, not reason, reason, seen.motion))
+            self._decide(seen.query, seen.target, reason, seen.motion)
             if not reason:
                 self._note_covered(seen)
+
+    def _decide(self, query: int, target: int, reason: str, motion: Optional[np.ndarray]) -> None:
+        """Note what became of a comparison; without a reason against it, it is a loop."""
+        stamps_ns = self._records[query][0].stamp_ns, self._records[target][0].stamp_ns
+        self.decisions.append(Decision(*stamps_ns, not reason, reason, motion))
 
     def _implied(self, seen: Sighting) -> Tuple[int, np.ndarray, np.ndarray]:
         """Pose in map of the newest keyframe by a sighting of a recent one, with its covariance."""
@@ -218,7 +224,7 @@ class SiteBuilder:
         self._localiser = None
         self._way = localiser.way
         for edge in loops:
-            self.decisions.append(Decision(edge.end, edge.start, True, "", edge.motion))
+            self._decide(edge.end, edge.start, "", edge.motion)
 
     def _withdraw(self, first: int) -> None:
         self.graph.edges = [edge for edge in self.graph.edges if edge.end < first]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether what was seen can be believed: gates, ambiguity, agreement of several keyframes along the way."""
 
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ GATE = 16.27  # squared Mahalanobis distance that one in a thousand exceeds, thr
 WIDE_GATE = 27.9  # one in 250 000: other explanations within it count
 STEP_WALK_M = 0.004  # standard deviation of the odometry after a metre, in addition to its own
 STEP_WALK_RAD = 0.0005
+EXPECTED_SIGMA_M = 0.1
 LARGEST_DIFFERENCE_M = 0.15  # between sightings that agree
 LARGEST_DIFFERENCE_RAD = 0.02
 
@@ -56,6 +57,12 @@ class Gate(NamedTuple):
 
     predicted: np.ndarray
     covariance: np.ndarray
+
+    @property
+    def expected(self) -> Optional[np.ndarray]:
+        """The predicted motion if images can be aligned from there; None if it is not known well enough."""
+        sigma_m = np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[1])
+        return self.predicted if sigma_m < EXPECTED_SIGMA_M else None
 
     def why_not(self, sighting: Sighting) -> str:
         """Why a sighting cannot be believed, in words; empty if it can."""

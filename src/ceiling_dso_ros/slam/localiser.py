@@ -128,8 +128,12 @@ class Localiser:
     def _track(self, step: Step) -> None:
         believed = self.hypotheses[0]
         near = nearest_places(self._poses, believed.pose, NEAR_M, NEAR_CANDIDATES)
-        sightings = [seen for seen in (self._compare(step, target) for target in near) if seen is not None]
-        fitting = [seen for seen in sightings if not self._gate(believed, seen).why_not(seen)]
+        gates = {
+            target: Gate(planar.between(self._poses[target], believed.pose), believed.covariance) for target in near
+        }
+        compared = [self._compare(step, target, gate.expected) for target, gate in gates.items()]
+        sightings = [seen for seen in compared if seen is not None]
+        fitting = [seen for seen in sightings if not gates[seen.target].why_not(seen)]
         for seen in fitting:
             believed.correct(*self._placed(seen))
         if fitting:
@@ -202,17 +206,14 @@ class Localiser:
         elif len(self.hypotheses) > 1 and best.score > 1:
             self.state = Localisation.AMBIGUOUS
 
-    def _compare(self, step: Step, target: int) -> Optional[Sighting]:
-        found = self._verifier.verify(self._records[target], step.record)
+    def _compare(self, step: Step, target: int, expected: Optional[np.ndarray] = None) -> Optional[Sighting]:
+        found = self._verifier.verify(self._records[target], step.record, expected)
         if not isinstance(found, Verified):
             return None
         return Sighting(step.number, target, found.motion, found.covariance, found.others)
 
     def _placed(self, seen: Sighting) -> Tuple[np.ndarray, np.ndarray]:
         return planar.compose(self._poses[seen.target], seen.motion), seen.covariance
-
-    def _gate(self, hypothesis: Hypothesis, seen: Sighting) -> Gate:
-        return Gate(planar.between(self._poses[seen.target], hypothesis.pose), hypothesis.covariance)
 
 
 def _close(a: np.ndarray, b: np.ndarray) -> bool:

@@ -19,12 +19,13 @@ TOLERANCE_PX = 2.0  # of the kept image
 SAME_HEIGHT = 0.04  # relative: matched points have one height
 FEWEST_INLIERS = 10
 SECOND_SHARE = 0.5  # a second motion that so many of the inliers agree with makes the first one doubtful
-LEAST_CORRELATION = 0.6
+LEAST_EXPECTED_CORRELATION = 0.5  # where the corners say nothing
+LEAST_CORRELATION = 0.35  # of two views of different places, one in fifty is above 0.3
 FEWEST_POINTS = 150
 OTHERS_SHARE = 0.75
 SHORTEST_PAIR = 0.1  # of the height
 LARGEST_SIGMA_M = 0.06
-LARGEST_REFINEMENT_PX = 3.0
+LARGEST_REFINEMENT_PX = 1.5
 KEPT_VIEWS = 400
 
 
@@ -61,32 +62,45 @@ class Verifier:
         self._aligner = Aligner(camera)
         self._prepared: OrderedDict[int, PreparedView] = OrderedDict()
 
-    def verify(self, a: KeyframeRecord, b: KeyframeRecord) -> Union[Verified, Refused]:
-        """Compare two records, whatever their poses are."""
+    def verify(
+        self, a: KeyframeRecord, b: KeyframeRecord, expected: Optional[np.ndarray] = None
+    ) -> Union[Verified, Refused]:
+        """Compare two records, whatever their poses are.
+
+        Args:
+            a, b: the records.
+            expected: (3,) T_a_b, if it is known within a pixel or two: where the corners say nothing, the images are
+                aligned from there.
+        """
         guess = self._guess(a, b)
+        least = LEAST_CORRELATION
         if isinstance(guess, Refused):
-            return guess
+            if expected is None:
+                return guess
+            guess, least = (expected, 0), LEAST_EXPECTED_CORRELATION
         motion, inliers = guess
         views = self._view(a), self._view(b)
         found = self._aligner.align(*views, motion)
-        refusal = self._doubt(found, motion, a.height_m)
+        refusal = self._doubt(found, least)
+        if not refusal and found is not None and inliers:
+            moved = float(np.hypot(*planar.between(motion, found.motion)[:2]))
+            if moved > LARGEST_REFINEMENT_PX * self._aligner.pixel_m(a.height_m, 0):
+                refusal = f"corners and images disagree by {moved:.2f} m"
         if refusal or found is None:
             return Refused(refusal)
         others = self._aligner.others(*views, found, OTHERS_SHARE)
         return Verified(found.motion, found.covariance, inliers, found.correlation, others)
 
-    def _doubt(self, found: Optional[Alignment], guess: np.ndarray, height_m: float) -> str:
+    @staticmethod
+    def _doubt(found: Optional[Alignment], least_correlation: float) -> str:
         if found is None:
             return "the images cannot be aligned"
         if found.points < FEWEST_POINTS:
             return f"only {found.points} points in common"
-        if found.correlation < LEAST_CORRELATION:
+        if found.correlation < least_correlation:
             return f"the images differ: correlation {found.correlation:.2f}"
         if np.sqrt(np.linalg.eigvalsh(found.covariance[:2, :2])[1]) > LARGEST_SIGMA_M:
             return "the images do not determine the motion"
-        moved = float(np.hypot(*planar.between(guess, found.motion)[:2]))
-        if moved > LARGEST_REFINEMENT_PX * self._aligner.pixel_m(height_m, 0):
-            return f"corners and images disagree by {moved:.2f} m"
         return ""
 
     def _guess(self, a: KeyframeRecord, b: KeyframeRecord) -> Union[Refused, Tuple[np.ndarray, int]]:
