@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Maps of simulated halls against the truth: wrong loops, recall of revisits, robots that are switched on anywhere.
 
-Halls are drawn at random. The map is built on one drive. Robots are switched on along another one, at another time: a third
-of the lamps is off. docs/map.md defines what is counted.
+Halls are drawn at random. The map is built on one drive. Robots are switched on along another one, at another time: a
+third of the lamps is off. docs/map.md defines what is counted.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def _rows(is_periodic: bool, counts: Counts, errors_mm: List[float]) -> List[Row
             rows.append(Row(kind, name, [part / whole], low=low))
     if counts.found_m:
         rows.append(
-            Row(kind, "way until found, median and largest, m", [np.median(counts.found_m), max(counts.found_m)])
+            Row(kind, "way until found, median and largest, m", [float(np.median(counts.found_m)), max(counts.found_m)])
         )
     rows.append(Row(kind, "largest error of the keyframes in each map, mm", errors_mm))
     return rows
