@@ -14,6 +14,7 @@ from ceiling_dso_ros.cli import (
     collect,
     compare,
     evaluate,
+    mapping,
     record,
     reference,
     run,
@@ -28,7 +29,7 @@ from ceiling_dso_ros.io.interrupts import INTERRUPTS, was_interrupt
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 PROGRAM = "ceiling-dso"  # as pip installs it
-COMMANDS = (run, evaluate, sweep, compare, reference, collect, calibrate, simulate, benchmark, record)
+COMMANDS = (run, evaluate, sweep, compare, mapping, reference, collect, calibrate, simulate, benchmark, record)
 
 
 class _Parser(argparse.ArgumentParser):

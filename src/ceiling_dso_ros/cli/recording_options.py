@@ -21,11 +21,16 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add them, with the recording itself."""
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
     add_camera_options(parser)
+    add_exposure_option(parser)
+
+
+def add_exposure_option(parser: argparse.ArgumentParser) -> None:
+    """Add the choice not to use exposure times."""
     parser.add_argument("--no-exposure", action="store_true", help="do not use the exposure times of the recording")
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
-    """Add those that say what the images are."""
+    """Add those that say where the images are and what they mean."""
     parser.add_argument(
         "--camera", metavar="camera.txt", type=Path, help="calibration to use instead of the recording's"
     )

@@ -15,7 +15,9 @@ from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 if TYPE_CHECKING:
     from ceiling_dso_ros.io.recording import Recording
     from ceiling_dso_ros.playback.playback import Playback
+    from ceiling_dso_ros.slam.site_map import SiteMap
 
+MAPPED = "mapped.tum"
 COMPLETE = "complete"  # how a run ends
 
 
@@ -56,6 +58,12 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         action="store_true",
         help="track the images without the motion that the wheels predict; then camera.tum owes nothing to them",
     )
+    parser.add_argument(
+        "--map",
+        metavar="SITE",
+        type=Path,
+        help="map of the site: also write mapped.tum, base_link in map; needs wheels",
+    )
     add_wheel_options(parser)
     parser.set_defaults(execute=execute)
 
@@ -78,23 +86,29 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
+    from ceiling_dso_ros.slam.map_file import read_map, require_camera
+    from ceiling_dso_ros.slam.records import RecordCamera
 
     require_frame_rate(options.fps, "--fps ")
     of_odometry, of_fusion = split_overrides(options.overrides)
     config = load_settings(options.config, of_odometry, OdometryConfig)
     fusion_config = load_settings(options.fusion_config, of_fusion, FusionConfig)
     warnings = WarningLog(warn)
+    site = None if options.map is None else read_map(options.map)
     recording = open_with(options, warnings)
     size = None if options.size is None else parse_image_size(options.size, "--size")
     visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
-    if options.wheel_input or options.wheel_odometry:
+    if site is not None or options.wheel_input or options.wheel_odometry:
         require_usable(recording)
     fusion = usable_fusion(recording, fusion_config, warnings)
     if options.robot is not None and recording.robot is not None and recording.wheels is None:
         warnings.add(f"{recording.path}: has no wheels, so that {options.robot} is not used")
-    playback = Playback(visual, warnings, fusion, predict=not options.no_prediction)
+    if site is not None and recording.robot is not None:
+        camera = RecordCamera.of(visual.preprocess.camera, recording.robot.T_base_camera)
+        require_camera(options.map, site, camera)
+    playback = Playback(visual, warnings, fusion, predict=not options.no_prediction, keep_keyframes=site is not None)
     settings = {"config.yaml": config, **({} if fusion is None else {"fusion.yaml": fusion_config})}
-    require_output_folder(options.out, [*settings, *playback.files])
+    require_output_folder(options.out, [*settings, *playback.files, *([] if site is None else [MAPPED])])
     for name, values in settings.items():
         write_settings(options.out / name, values)
 
@@ -107,6 +121,8 @@ def execute(options: argparse.Namespace) -> None:
         with tqdm(listed, total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
         _explain_missing_poses(playback, recording, fusion is not None)
+        if site is not None and fusion is not None:
+            _write_mapped(options, site, playback, fusion)
     except BaseException as error:
         end = "interrupted" if was_interrupt(error) else f"failed: {type(error).__name__}: {error}"
         raise
@@ -114,6 +130,23 @@ def execute(options: argparse.Namespace) -> None:
         warnings.end()
         if len(playback.timing):
             _write(playback, options.out, end)
+
+
+def _write_mapped(options: argparse.Namespace, site: "SiteMap", playback: "Playback", fusion: "FusionPlayback") -> None:
+    """Find the drive in a map.
+
+    Raises:
+        InputError: the drive has no metric poses.
+        OutputError: the file cannot be written.
+    """
+    from ceiling_dso_ros.io.trajectory import write_tum
+    from ceiling_dso_ros.playback.mapping import MappedDrive, localise
+
+    drive = MappedDrive.of(playback, fusion, options.input)
+    found = localise(site, drive)
+    if found.first_m is None:
+        playback.warnings.add(f"{options.input}: was not found in {options.map}, so that {MAPPED} is empty")
+    write_tum(options.out / MAPPED, found.trajectory(drive.fused))
 
 
 def _write(playback: "Playback", directory: Path, end: str) -> None:

@@ -32,7 +32,11 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         "files with the true values beside it.",
         epilog=EPILOG,
     )
-    parser.add_argument("sequence", metavar="SEQUENCE", help="square, loops, straight, spin or stop_and_go")
+    parser.add_argument(
+        "sequence",
+        metavar="SEQUENCE",
+        help="square, loops, straight, spin or stop_and_go; with --ceiling random also aisles, eights or weave",
+    )
     parser.add_argument("--out", metavar="FILE.bag", type=Path, required=True, help="output bag")
     parser.add_argument(
         "--ceiling",
@@ -43,6 +47,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--seed", metavar="N", type=int, default=0, help="seed of all random choices (default %(default)s)"
+    )
+    parser.add_argument(
+        "--session", metavar="N", type=int, default=0, help="the same hall at another time (default %(default)s)"
     )
     parser.add_argument("--duration", metavar="S", type=float, default=0.0, help="seconds (default: one lap)")
     parser.add_argument("--event", metavar="EVENT", action="append", default=[], help="see below; may be repeated")
@@ -167,6 +174,7 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
     camera = {"width": width, "height": height, **_given(options, CameraModel)}
     wheels = _given(options, WheelErrors)
     settings: Dict[str, Any] = {
+        "session": options.session,
         "duration_s": options.duration,
         "events": tuple(options.event),
         "time_offset_s": options.time_offset,

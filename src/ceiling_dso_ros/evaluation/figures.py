@@ -56,7 +56,7 @@ def figure_writers(
         "trajectory": functools.lru_cache(maxsize=None)(lambda: _trajectory_figure(references_m, evaluations)),
         "error": functools.lru_cache(maxsize=None)(lambda: _error_figure(evaluations)),
     }
-    return {name: functools.partial(_save, draw[name.split(".")[0]]) for name in FILES}
+    return {name: functools.partial(save_figure, draw[name.split(".")[0]]) for name in FILES}
 
 
 def _trajectory_figure(references_m: Sequence[np.ndarray], evaluations: Sequence[TrajectoryEvaluation]) -> Figure:
@@ -106,7 +106,12 @@ def _legend(axes: Axes) -> None:
     axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def _save(draw: Callable[[], Figure], path: Path) -> None:
+def save_figure(draw: Callable[[], Figure], path: Path) -> None:
+    """Write a figure as PNG or SVG, as the ending says.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
     content = io.BytesIO()
     with mpl.rc_context(STYLE):
         draw().savefig(content, format=path.suffix[1:], dpi=150, metadata=METADATA[path.suffix])

@@ -48,7 +48,8 @@ class RenderedDrives:
         camera = config.camera
         usual = (camera.width, camera.height) == (CameraModel.width, CameraModel.height)
         size = [] if usual else [f"{camera.width}x{camera.height}"]
-        name = "_".join([config.sequence, config.ceiling, str(config.seed), *size, *length, *config.events])
+        session = [f"session{config.session}"] if config.session else []
+        name = "_".join([config.sequence, config.ceiling, str(config.seed), *session, *size, *length, *config.events])
         bag = self.folder / f"{name}.bag"
         if not bag.exists():
             self.folder.mkdir(parents=True, exist_ok=True)

@@ -27,11 +27,19 @@ CONSTANTS = 3  # c: wheel ratio and wheel base (logarithms); g: yaw of the camer
 
 @dataclass(frozen=True)
 class SmoothedNode:
-    """One keyframe of the whole graph's solution."""
+    """One keyframe of the whole graph's solution.
+
+    Attributes:
+        stamp_ns: on the wheels' clock.
+        pose: (3,) of the base.
+        log_scale: logarithm of metres per visual unit.
+        step_covariance: (3, 3) of the motion from the node before, the scale and the constants taken as exact.
+    """
 
     stamp_ns: int
     pose: np.ndarray
     log_scale: float
+    step_covariance: np.ndarray
 
 
 def smooth(motions: np.ndarray, config: FusionConfig) -> List[SmoothedNode]:
@@ -50,14 +58,17 @@ def smooth(motions: np.ndarray, config: FusionConfig) -> List[SmoothedNode]:
     """
     if not len(motions):
         return []
-    state = _solve(_Chain(motions, config))
+    chain = _Chain(motions, config)
+    state = _solve(chain)
     x, y, start_yaw = motions["start_pose"][0]
     yaw = start_yaw + np.append(0.0, np.cumsum(state.motions[:, 2]))
     positions = np.array([x, y]) + np.cumsum(_turned(state.motions[:, :2], yaw[:-1]), axis=0)
     poses = np.column_stack([positions, _wrapped(yaw[1:])])
     return [
-        SmoothedNode(stamp_ns, pose, log_scale)
-        for stamp_ns, pose, log_scale in zip(motions["stamp_ns"].tolist(), poses, state.log_scales.tolist())
+        SmoothedNode(stamp_ns, pose, log_scale, covariance)
+        for stamp_ns, pose, log_scale, covariance in zip(
+            motions["stamp_ns"].tolist(), poses, state.log_scales.tolist(), chain.step_covariances(state)
+        )
     ]
 
 
@@ -221,6 +232,13 @@ class _Chain:
         log_scales = -solved @ rest
         gradients = right[:, :3] @ rest + own[:, :3, 3] * log_scales[:, None]
         return _State(-np.einsum("nij,nj->ni", motion_inverse, gradients), log_scales, constants)
+
+    def step_covariances(self, state: _State) -> np.ndarray:
+        """(N, 3, 3) of the motions, seen from their ends."""
+        _, information = self._normal_equations(self.linearize(state), is_close=False)
+        to_end = np.zeros((len(information), 3, 3))
+        to_end[:, :2, :2], to_end[:, 2, 2] = _rotations(-state.motions[:, 2]), 1.0
+        return to_end @ np.linalg.inv(information[:, :3, :3]) @ to_end.transpose(0, 2, 1)
 
     def _normal_equations(self, linear: _Linear, is_close: bool) -> Tuple[np.ndarray, np.ndarray]:
         """Gradient (N, 7) and information (N, 7, 7) of wheels and camera in each interval."""

@@ -2,6 +2,7 @@
 """What fusion_node keeps of a run on the disk, and the trajectories that are made of it."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, Dict, Iterable, Sequence
 
@@ -10,7 +11,7 @@ import numpy as np
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.motion import MOTION
-from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
+from ceiling_dso_ros.fusion.smoothing import smooth
 from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.trajectory import read_tum, tum_lines
@@ -105,7 +106,7 @@ def write_smoothed(folder: Path, file: BinaryIO, tell: Tell) -> int:
         nodes = smooth(motions, load_settings(folder / SETTINGS, kind=FusionConfig))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"{folder / MOTIONS}: is damaged: {error}") from error
-    placed = [SmoothedNode(node.stamp_ns, planar.compose(origin, node.pose), node.log_scale) for node in nodes]
+    placed = [replace(node, pose=planar.compose(origin, node.pose)) for node in nodes]
     if not np.isfinite([node.pose for node in placed]).all():
         raise InputError(f"{folder / MOTIONS}: is damaged: it gives no finite poses")
     file.write(tum_lines(smoothed_trajectory(placed)))

@@ -14,6 +14,7 @@ from ceiling_dso_ros.io.replacing import replace_file, write_each
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.io.warning_log import CountedMessages, WarningLog
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
+from ceiling_dso_ros.playback.keyframe_recorder import KeyframeRecorder
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
 from ceiling_dso_ros.playback.timing_log import TimingLog
 from ceiling_dso_ros.playback.visual_run import VisualRun
@@ -27,6 +28,7 @@ class Playback:
     Attributes:
         visual: the images' part, with the poses so far.
         map: the points so far.
+        keyframes: what a map of the site needs of the keyframes so far; None unless it is wanted.
         timing: the times so far.
         warnings: what is doubtful in the recording, and the reasons of skipped frames.
         skipped: number of frames skipped so far.
@@ -38,12 +40,22 @@ class Playback:
         warnings: WarningLog,
         fusion: Optional[FusionPlayback] = None,
         predict: bool = True,
+        keep_keyframes: bool = False,
     ) -> None:
-        """Prepare a run; with `predict` the wheels, if there are any, predict the camera's motion for the odometry."""
+        """Prepare a run.
+
+        Args:
+            visual: the images' part.
+            warnings: for what is doubtful.
+            fusion: the wheels' part.
+            predict: the wheels, if there are any, predict the camera's motion for the odometry.
+            keep_keyframes: keep what a map of the site needs.
+        """
         self.visual = visual
         self._fusion = fusion
         self._predict = predict
         self.map = MapRecorder()
+        self.keyframes = KeyframeRecorder(visual.preprocess.camera) if keep_keyframes else None
         self.timing = TimingLog()
         self.warnings = warnings
         self.skipped = 0
@@ -75,6 +87,8 @@ class Playback:
             raise InputError(f"none of the {self.skipped} images can be used; the first: {before_the_first[0].reason}")
         if self._fusion is not None:
             self._fusion.finish()
+        if self.keyframes is not None:
+            self.keyframes.finish()
 
     def write(self, directory: Path, end: str) -> None:
         """Write all files of a run except its settings.
@@ -130,6 +144,8 @@ class Playback:
     def _track(self, frame: Frame) -> None:
         tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, self._prediction(frame.stamp_ns))
         self.map.add(tracked.status)
+        if self.keyframes is not None:
+            self.keyframes.add(tracked.image, tracked.status)
         self.timing.add(tracked.status, tracked.total_ms)
         if tracked.status.T_world_camera is None:
             self._untracked.add(tracked.status.message)

@@ -8,7 +8,7 @@ import numpy as np
 from ceiling_dso_ros.simulation.camera import frame_jitter_s
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.commanded import STEP_S, CommandedMotion
-from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES, random_start
+from ceiling_dso_ros.simulation.driving.sequences import drawn_sequence
 from ceiling_dso_ros.simulation.events import Event, is_dropped, parse_events, parse_live_event
 from ceiling_dso_ros.simulation.robot import NOMINAL
 from ceiling_dso_ros.simulation.sensors.encoders import WHEEL_HZ, EncoderPair
@@ -20,7 +20,7 @@ from ceiling_dso_ros.simulation.sensors.measurements import (
     WheelReading,
     stamp_ns,
 )
-from ceiling_dso_ros.simulation.world import World, hall_of, random_stream
+from ceiling_dso_ros.simulation.world import World, hall_of, stream_of
 
 # From the middle of an exposure, which takes 14 ms at most, to the image: then all of the exposure is past.
 IMAGE_DELAY_S = 0.01
@@ -48,7 +48,7 @@ class ClosedLoop(World):
         config.check()
         self.duration_s = config.duration_s or np.inf
         events = parse_events(config.events, self.duration_s)
-        start = random_start(SEQUENCES[config.sequence], random_stream(config.seed, "start"))
+        start = drawn_sequence(config.sequence, stream_of(config, "start")).start
         true = config.wheels.applied(NOMINAL)
         self.motion = CommandedMotion(start, NOMINAL, true, events, hall_of(config).obstacles)
         super().__init__(config, self.motion, events)

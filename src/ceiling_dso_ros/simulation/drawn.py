@@ -72,7 +72,7 @@ def draw_config(sequence: str, seed: int, **settings: Any) -> SimulationConfig: 
     """A drive under a hall that is drawn at random, with a camera and wheels drawn at random.
 
     Args:
-        sequence: a name of `sequences.SEQUENCES`.
+        sequence: a name of `sequences.SEQUENCES` or `TOURS`.
         seed: of all choices. Those below 100 are for building. 100 to 199 are for judging: nothing is tuned on them.
         **settings: attributes of SimulationConfig that are not drawn.
 

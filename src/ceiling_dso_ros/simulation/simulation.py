@@ -12,7 +12,7 @@ import numpy as np
 
 from ceiling_dso_ros.simulation.camera import frame_jitter_s
 from ceiling_dso_ros.simulation.config import SimulationConfig
-from ceiling_dso_ros.simulation.driving.sequences import SEQUENCES, plan
+from ceiling_dso_ros.simulation.driving.sequences import plan
 from ceiling_dso_ros.simulation.events import is_dropped, parse_events
 from ceiling_dso_ros.simulation.obstacles import Obstacles
 from ceiling_dso_ros.simulation.sensors.encoders import WHEEL_HZ, Encoders, read_encoders
@@ -26,7 +26,7 @@ from ceiling_dso_ros.simulation.sensors.measurements import (
     WheelReading,
     stamp_ns,
 )
-from ceiling_dso_ros.simulation.world import World, random_stream
+from ceiling_dso_ros.simulation.world import World, stream_of
 
 IMU_HZ = 200.0
 RENDER_THREADS, FRAMES_AHEAD = 2, 4
@@ -50,7 +50,7 @@ class Simulation(World):
             EventError: an event is none.
         """
         config.check()
-        self._motion = plan(SEQUENCES[config.sequence], config.duration_s, random_stream(config.seed, "start"))
+        self._motion = plan(config.sequence, config.duration_s, stream_of(config, "start"))
         self.duration_s = config.duration_s or self._motion.duration_s
         super().__init__(config, self._motion, parse_events(config.events, self.duration_s))
 
@@ -164,7 +164,7 @@ def simulate(
     """Measurements of a simulated drive, ordered by time; nothing is written to disk.
 
     Args:
-        sequence: a name of `sequences.SEQUENCES`.
+        sequence: a name of `sequences.SEQUENCES` or `TOURS`.
         ceiling: a name of `ceilings.CEILINGS`.
         seed: of all random choices.
         **settings: further attributes of SimulationConfig.

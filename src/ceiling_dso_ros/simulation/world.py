@@ -10,6 +10,7 @@ import numpy as np
 from ceiling_dso_ros.io.recording import RobotDescription
 from ceiling_dso_ros.simulation.camera import REFERENCE_EXPOSURE_MS, ExposureControl
 from ceiling_dso_ros.simulation.ceilings import CEILINGS
+from ceiling_dso_ros.simulation.ceilings.other_lights import with_lamps_off
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.motion import BaseMotion
 from ceiling_dso_ros.simulation.events import Event, covered_light, flicker_factor, light_level
@@ -24,13 +25,14 @@ TRAFFIC_STEP_S = 0.1
 
 
 @lru_cache(maxsize=2)
-def _hall(ceiling: str, seed: int) -> Hall:
-    return CEILINGS[ceiling](np.random.default_rng([seed, 0]))
+def _hall(ceiling: str, seed: int, session: int) -> Hall:
+    hall = CEILINGS[ceiling](np.random.default_rng([seed, 0]))
+    return hall if session == 0 else with_lamps_off(hall, np.random.default_rng([seed, 0, session]))
 
 
 @lru_cache(maxsize=2)
-def _scene(ceiling: str, seed: int, focal_px: float, with_floor: bool) -> Scene:
-    hall = _hall(ceiling, seed)
+def _scene(ceiling: str, seed: int, session: int, focal_px: float, with_floor: bool) -> Scene:
+    hall = _hall(ceiling, seed, session)
     if with_floor:
         hall = replace(hall, surfaces=[*hall.surfaces, structures.floor(*hall.size_m)])
     return build_scene(hall, focal_px, seed)
@@ -40,6 +42,11 @@ def random_stream(seed: int, *stream: Union[str, int]) -> np.random.Generator:
     """A random generator for each purpose, so that the numbers do not depend on what else is simulated."""
     words = [list(word.encode()) if isinstance(word, str) else [word] for word in stream]
     return np.random.default_rng([seed, *(number for word in words for number in word)])
+
+
+def stream_of(config: SimulationConfig, *stream: Union[str, int]) -> np.random.Generator:
+    """A random generator for a purpose in a drive; each session has its own."""
+    return random_stream(config.seed, *stream, *(("session", config.session) if config.session else ()))
 
 
 class World:
@@ -59,8 +66,8 @@ class World:
         self.exposure = ExposureControl(config.camera, events, self.rng("exposure"))
 
     def rng(self, *stream: Union[str, int]) -> np.random.Generator:
-        """See random_stream."""
-        return random_stream(self.config.seed, *stream)
+        """See stream_of."""
+        return stream_of(self.config, *stream)
 
     @property
     def nominal(self) -> RobotDescription:
@@ -82,7 +89,9 @@ class World:
     @property
     def scene(self) -> Scene:
         """The building ready for rendering; takes seconds the first time."""
-        return _scene(self.config.ceiling, self.config.seed, self.config.camera.lens.fx, self.config.forward)
+        return _scene(
+            self.config.ceiling, self.config.seed, self.config.session, self.config.camera.lens.fx, self.config.forward
+        )
 
     @cached_property
     def cameras(self) -> Dict[str, np.ndarray]:
@@ -133,4 +142,4 @@ class World:
 
 def hall_of(config: SimulationConfig) -> Hall:
     """The building of a drive."""
-    return _hall(config.ceiling, config.seed)
+    return _hall(config.ceiling, config.seed, config.session)

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Photometric comparison of points with another image: normal equations of the motion, and correlations.
+
+Points are (N, 3) float32 in their own base_link, metres, with (N,) float32 grey values. A camera is (16,) float64: the
+rotation and translation of T_camera_base, row by row, then fx, fy, cx, cy of the image, which is flat float32.
+"""
+
+import math
+from typing import Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
+from ceiling_dso_ros.dso.images.interpolation import sample, sample_gradient
+
+UNKNOWNS = 5  # forward, left, turn, gain, offset
+BORDER_PX = 2.0
+NEAREST_M = 0.1
+
+
+@kernel_inlined
+def _seen(camera: np.ndarray, x: float, y: float, z: float) -> Tuple[float, float, float, float, float]:
+    """Position in the camera (X, Y, Z) and pixel (u, v) of a point in base_link; Z is 0 if it is too near."""
+    X = camera[0] * x + camera[1] * y + camera[2] * z + camera[3]
+    Y = camera[4] * x + camera[5] * y + camera[6] * z + camera[7]
+    Z = camera[8] * x + camera[9] * y + camera[10] * z + camera[11]
+    if Z < NEAREST_M:
+        return X, Y, 0.0, -1.0, -1.0
+    return X, Y, Z, camera[12] * X / Z + camera[14], camera[13] * Y / Z + camera[15]
+
+
+@kernel
+def grey_of(points: np.ndarray, image: np.ndarray, width: int, height: int, camera: np.ndarray) -> np.ndarray:
+    """(N,) float32 grey values of points in an image of their own base_link; nan outside of it."""
+    result = np.full(points.shape[0], np.nan, np.float32)
+    for i in range(points.shape[0]):
+        _, _, Z, u, v = _seen(camera, points[i, 0], points[i, 1], points[i, 2])
+        if Z > 0.0 and BORDER_PX <= u < width - BORDER_PX - 1 and BORDER_PX <= v < height - BORDER_PX - 1:
+            result[i] = sample(image, width, np.float32(u), np.float32(v))
+    return result
+
+
+@kernel
+def add_normal_equations(
+    points: np.ndarray, grey: np.ndarray, image: np.ndarray, width: int, height: int, camera: np.ndarray,
+    motion: np.ndarray, forth: bool, affine: np.ndarray, huber: float, H: np.ndarray, b: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Add the residuals image(p) - (gain grey + offset) of all points in view to H (5, 5) and b (5,).
+
+    Args:
+        points, grey: of a view; nan grey values are left out.
+        image, width, height, camera: of the other view.
+        motion: (3,) T_a_b. The unknowns are right-multiplied on it.
+        forth: the points are those of a and the image is that of b; else the other way round.
+        affine: (2,) gain and offset.
+        huber: residuals above it weigh less.
+        H, b: changed.
+
+    Returns:
+        (3,) sum of the weighted squares, sum of the weights, points in view.
+    """
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    J = np.zeros(UNKNOWNS)
+    result = np.zeros(3)
+    for i in range(points.shape[0]):
+        if not math.isfinite(grey[i]):
+            continue
+        px, py, pz = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
+        if forth:  # p_b = R' (p_a - t)
+            dx, dy = px - motion[0], py - motion[1]
+            qx, qy = c * dx + s * dy, -s * dx + c * dy
+        else:  # p_a = R p_b + t
+            qx, qy = c * px - s * py + motion[0], s * px + c * py + motion[1]
+        X, Y, Z, u, v = _seen(camera, qx, qy, pz)
+        if Z == 0.0 or not (BORDER_PX <= u < width - BORDER_PX - 1 and BORDER_PX <= v < height - BORDER_PX - 1):
+            continue
+        value, gx, gy = sample_gradient(image, width, np.float32(u), np.float32(v))
+        r = value - (affine[0] * grey[i] + affine[1])
+        weight = 1.0 if abs(r) <= huber else huber / abs(r)
+        # by a shift of the point in base_link
+        ux, uy = gx * camera[12] / Z, gy * camera[13] / Z
+        uz = -(ux * X + uy * Y) / Z
+        bx = ux * camera[0] + uy * camera[4] + uz * camera[8]
+        by = ux * camera[1] + uy * camera[5] + uz * camera[9]
+        if forth:
+            J[0], J[1], J[2] = -bx, -by, bx * qy - by * qx
+        else:
+            J[0], J[1] = bx * c + by * s, -bx * s + by * c
+            J[2] = -py * J[0] + px * J[1]
+        J[3], J[4] = -grey[i], -1.0
+        for m in range(UNKNOWNS):
+            b[m] += weight * J[m] * r
+            for n in range(UNKNOWNS):
+                H[m, n] += weight * J[m] * J[n]
+        result[0] += weight * r * r
+        result[1] += weight
+        result[2] += 1.0
+    return result
+
+
+@kernel
+def correlations(
+    points: np.ndarray, grey: np.ndarray, image: np.ndarray, width: int, height: int, camera: np.ndarray,
+    motions: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """How well points of a agree with the image of b at several motions T_a_b, (M, 3).
+
+    Returns:
+        (M, 2) float64: correlation coefficient of the grey values, and number of points in view.
+    """
+    result = np.zeros((motions.shape[0], 2))
+    for k in range(motions.shape[0]):
+        c, s = math.cos(motions[k, 2]), math.sin(motions[k, 2])
+        n = 0
+        sa = sb = saa = sbb = sab = 0.0
+        for i in range(points.shape[0]):
+            if not math.isfinite(grey[i]):
+                continue
+            dx, dy = points[i, 0] - motions[k, 0], points[i, 1] - motions[k, 1]
+            _, _, Z, u, v = _seen(camera, c * dx + s * dy, -s * dx + c * dy, points[i, 2])
+            if Z == 0.0 or not (BORDER_PX <= u < width - BORDER_PX - 1 and BORDER_PX <= v < height - BORDER_PX - 1):
+                continue
+            value, expected = float(sample(image, width, np.float32(u), np.float32(v))), float(grey[i])
+            n += 1
+            sa += expected
+            sb += value
+            saa += expected * expected
+            sbb += value * value
+            sab += expected * value
+        result[k, 1] = n
+        if n > 1:
+            spread = (saa - sa * sa / n) * (sbb - sb * sb / n)
+            if spread > 0.0:
+                result[k, 0] = (sab - sa * sb / n) / math.sqrt(spread)
+    return result
