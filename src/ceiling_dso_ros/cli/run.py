@@ -14,6 +14,7 @@ from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.slam.site_map import SiteMap
 
@@ -84,6 +85,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
+    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
     from ceiling_dso_ros.slam.map_file import read_map, require_camera

@@ -21,6 +21,7 @@ from ceiling_dso_ros.playback.trackable_size import trackable_size
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
 REMEMBERED_IMAGES = 8  # as many as a driver has buffers, which it may send again in turns
+CHECKED_ROWS = 4  # one of so many: the noise of an image is in all of them
 
 
 class TrackedImage(NamedTuple):
@@ -149,7 +150,7 @@ class VisualRun:
 
     def _repeats(self, image: np.ndarray) -> bool:
         """Whether an image is the very same as one of the last, which only one without noise can be: black or white."""
-        checksum = zlib.crc32(np.ascontiguousarray(image))
+        checksum = zlib.crc32(image[::CHECKED_ROWS].tobytes())
         if checksum in self._checksums:
             return bool(image.min() != image.max())
         self._checksums.append(checksum)
