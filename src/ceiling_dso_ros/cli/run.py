@@ -85,7 +85,6 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
-    from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
     from ceiling_dso_ros.slam.map_file import read_map, require_camera
