@@ -47,6 +47,7 @@ def test_live(folder, tmp_path, capsys):
     [
         (["--repeats", "0"], "--repeats 0"),
         (["--live", "0"], "--live 0"),
+        (["--live", "1e-300"], "--live 1e-300: 0.01 to 100"),
         (["--vs", "nowhere"], "nowhere"),
         (["--set", "window.max_keyframes=2"], "window.max_keyframes"),
         (["--out", "/dev/null/there"], "/dev/null/there"),

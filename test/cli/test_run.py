@@ -183,8 +183,9 @@ def test_images_are_scaled_and_thinned(tum_folder, command, tmp_path):
         ("--size", "100", "--size 100: expected WIDTHxHEIGHT"),
         ("--size", "400x300", "400x300 is larger than the images, 192x144"),
         ("--size", "190x142", "190x142 pixels: too small to be tracked, or not divisible by 4"),
-        ("--fps", "-1", "--fps -1: 0 or more"),
-        ("--fps", "nan", "--fps nan: 0 or more"),
+        ("--fps", "-1", "--fps -1: 0 for all images, or 0.0003 (one an hour) or more a second"),
+        ("--fps", "nan", "--fps nan: 0 for all images"),
+        ("--fps", "1e-300", "--fps 1e-300: 0 for all images"),
     ],
 )
 def test_impossible_sizes_and_rates_are_refused(tum_folder, command, tmp_path, option, value, complaint):

@@ -2,7 +2,8 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.frame_rate import FrameRateLimit
+from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.frame_rate import SLOWEST_HZ, FrameRateLimit, require_frame_rate
 
 START_NS = 1_700_000_000 * 10**9
 
@@ -69,3 +70,16 @@ def test_the_rate_may_be_changed():
     assert passed(limit, given[30:40]) == given[30:40]
     limit.frame_rate = 15.0
     assert len(passed(limit, given[40:])) == pytest.approx(10, abs=1)
+
+
+@pytest.mark.parametrize("frame_rate", [-1.0, 5e-324, 1e-300, 1e-9, 0.99 * SLOWEST_HZ, float("inf"), float("nan")])
+def test_rates_that_make_no_sense_are_refused(frame_rate):
+    with pytest.raises(InputError, match=rf"^frame_rate={frame_rate:g}: 0 for all images, or .* or more a second$"):
+        require_frame_rate(frame_rate, "frame_rate=")
+
+
+@pytest.mark.parametrize("frame_rate", [SLOWEST_HZ, 1e300])
+def test_the_slowest_and_the_fastest_rate_select_images(frame_rate):
+    require_frame_rate(frame_rate, "frame_rate=")
+    given = stamps(30.0, 30)
+    assert passed(FrameRateLimit(frame_rate), given) == (given[:1] if frame_rate < 1.0 else given)

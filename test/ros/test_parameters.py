@@ -131,6 +131,13 @@ def test_an_image_size_is_two_numbers(server, text):
         parameters.read(DsoParameters, OdometryConfig)
 
 
+@pytest.mark.parametrize("frame_rate", [1e-300, 1e-4])
+def test_a_rate_below_one_image_an_hour_is_refused(server, frame_rate):
+    server["frame_rate"] = frame_rate
+    with pytest.raises(InputError, match=rf"^/node: frame_rate={frame_rate:g}: 0 for all images, or .*more a second$"):
+        parameters.read(DsoParameters, OdometryConfig)
+
+
 @pytest.mark.parametrize("kind", [DsoParameters, WheelParameters, FusionParameters, SimulationParameters])
 def test_defaults_are_right_and_of_types_that_the_parameter_server_knows(kind):
     kind().check()

@@ -10,6 +10,7 @@ pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built works
 pytestmark = pytest.mark.ros
 
 import rospy  # noqa: E402
+from dynamic_reconfigure.encoding import Config  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rosless import Rosless  # noqa: E402
@@ -17,6 +18,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from straight_drive import Drive  # noqa: E402
 
+from ceiling_dso_ros.cfg import DsoConfig  # noqa: E402
 from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
 from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
@@ -24,6 +26,7 @@ from ceiling_dso_ros.ros import diagnostics, trajectory_keeper  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
 from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
+from ceiling_dso_ros.ros.reconfigure import ReconfigureServer  # noqa: E402
 from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
 from ceiling_dso_ros.srv import SetPoseRequest  # noqa: E402
 
@@ -262,6 +265,17 @@ def test_a_size_that_cannot_be_tracked_is_stated_and_survived(camera):
     assert status.message in camera.world.diagnostics().message
     camera.calibrate()
     assert camera.see().state == VisualOdometryStatus.INITIALIZING
+
+
+def test_a_rate_that_makes_no_sense_is_refused_while_the_node_runs(camera):
+    """As dynamic_reconfigure would set it; all other changes that come with it are refused, too."""
+    server = ReconfigureServer.__new__(ReconfigureServer)  # its own begin needs a master
+    server.type, server.ns, server.mutex = DsoConfig, "~/", threading.Lock()
+    server.config, server.callback = Config(DsoConfig.defaults), camera.server._reconfigure
+    with pytest.raises(rospy.ServiceException, match=r"frame_rate=1e-300: 0 for all .*; nothing is changed$"):
+        server.update_configuration({"frame_rate": 1e-300, "map_period": 7.0})
+    assert camera.server._map.period_s != 7.0
+    assert server.config["frame_rate"] == 0.0
 
 
 def test_a_camera_info_of_other_images_costs_neither_map_nor_memory(camera):

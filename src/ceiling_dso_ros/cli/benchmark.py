@@ -65,8 +65,8 @@ def execute(options: argparse.Namespace) -> None:
 
     if options.repeats < 1:
         raise InputError(f"--repeats {options.repeats}: at least 1")
-    if options.live is not None and not options.live > 0:
-        raise InputError(f"--live {options.live}: above 0")
+    if options.live is not None and not 0.01 <= options.live <= 100.0:
+        raise InputError(f"--live {options.live}: 0.01 to 100")
     reference = read_reference(options.vs) if options.vs is not None else None
     config = load_settings(options.config, options.overrides, OdometryConfig)
     if options.out is not None:

@@ -76,13 +76,13 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
+    from ceiling_dso_ros.io.frame_rate import require_frame_rate
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, write_settings
 
-    if not 0.0 <= options.fps < float("inf"):
-        raise InputError(f"--fps {options.fps:g}: 0 or more")
+    require_frame_rate(options.fps, "--fps ")
     of_fusion = [text for text in options.overrides if text.startswith(FUSION_PREFIX)]
     of_odometry = [text for text in options.overrides if text not in of_fusion]
     config = load_settings(options.config, of_odometry, OdometryConfig)

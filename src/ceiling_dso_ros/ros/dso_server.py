@@ -18,7 +18,7 @@ from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialSche
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError, one_line
-from ceiling_dso_ros.io.frame_rate import FrameRateLimit
+from ceiling_dso_ros.io.frame_rate import FrameRateLimit, require_frame_rate
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.msg import MotionPrediction, VisualOdometryStatus
@@ -281,6 +281,7 @@ class DsoServer:
         self._publisher.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
+        require_frame_rate(settings.frame_rate, "frame_rate=")
         self._frame_rate.frame_rate = settings.frame_rate
         self._publisher.covariance_scale = settings.covariance_scale
         self._publisher.path.length, self._publisher.path.period_s = settings.path_length, settings.path_period

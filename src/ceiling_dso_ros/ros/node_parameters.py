@@ -10,6 +10,7 @@ from ceiling_dso_ros.drivers.settings import CameraSettings, ExposureSettings, M
 from ceiling_dso_ros.dso.config import require
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.frame_rate import require_frame_rate
 from ceiling_dso_ros.io.grey_range import check_bits
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 
@@ -87,6 +88,7 @@ class DsoParameters:
         )
         try:
             check_bits(self.bit_depth, "bit_depth")
+            require_frame_rate(self.frame_rate, "frame_rate=")
             if self.image_size:
                 parse_image_size(self.image_size, "image_size")
         except InputError as error:

@@ -6,6 +6,8 @@ from typing import Any, Dict
 import rospy
 from dynamic_reconfigure.server import Server
 
+from ceiling_dso_ros.io.errors import InputError
+
 
 class ReconfigureServer(Server):  # type: ignore[misc]  # ROS has no types
     """dynamic_reconfigure's server for parameters of this node or of one of its groups."""
@@ -14,14 +16,20 @@ class ReconfigureServer(Server):  # type: ignore[misc]  # ROS has no types
         """Apply all changes or none.
 
         Raises:
-            rospy.ServiceException: a value is out of range; the client gets the message.
+            rospy.ServiceException: a value is out of range, or the node refuses it with an InputError; the client gets
+                the message.
         """
         for name, value in changes.items():
             smallest, largest = self.type.min.get(name, ""), self.type.max.get(name, "")
             if smallest != "" and not smallest <= value <= largest:
-                message = (
-                    f"{rospy.resolve_name(self.ns + name)}={value}: {smallest:g} to {largest:g}; nothing is changed"
-                )
-                rospy.logwarn(message)
-                raise rospy.ServiceException(message)
-        return super().update_configuration(changes)
+                raise _refusal(f"{rospy.resolve_name(self.ns + name)}={value}: {smallest:g} to {largest:g}")
+        try:
+            return super().update_configuration(changes)
+        except InputError as error:
+            raise _refusal(f"{rospy.resolve_name(self.ns).rstrip('/')}: {error}") from error
+
+
+def _refusal(reason: str) -> rospy.ServiceException:
+    message = f"{reason}; nothing is changed"
+    rospy.logwarn(message)
+    return rospy.ServiceException(message)
