@@ -131,6 +131,14 @@ def test_an_image_size_is_two_numbers(server, text):
         parameters.read(DsoParameters, OdometryConfig)
 
 
+@pytest.mark.parametrize("text", ["~no-such-user/a", "/a\0b", "/a\ud800"])
+def test_what_cannot_be_a_path_is_refused_in_one_line(text):
+    for read in (parameters.file_path, parameters.output_folder):
+        with pytest.raises(InputError) as caught:
+            read(text)
+        assert str(caught.value).isprintable()
+
+
 @pytest.mark.parametrize("frame_rate", [1e-300, 1e-4])
 def test_a_rate_below_one_image_an_hour_is_refused(server, frame_rate):
     server["frame_rate"] = frame_rate

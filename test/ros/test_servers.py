@@ -175,6 +175,33 @@ def test_answers_of_services_are_one_line_of_bounded_length(fusion):
     assert answer.message.endswith(", not in odom")
 
 
+@pytest.mark.parametrize(
+    ("directory", "complaint"),
+    [
+        ("", "directory is empty: name the folder to write to"),
+        ("~no-such-user/out", "~no-such-user/out: this home is unknown: "),
+        ("/tmp/a\0b", "'/tmp/a\\x00b': no file has a NUL in its name"),
+        ("/tmp/\ud800", "'/tmp/\\ud800': no name of a file: "),
+        ("/dev/null", "/dev/null: cannot write there: "),
+    ],
+)
+def test_trajectories_are_not_saved_where_there_is_no_folder(fusion, directory, complaint):
+    fusion.go_on(3)
+    answer = fusion.world.call("~save_trajectory", directory=directory)
+    assert not answer.success
+    assert answer.message.startswith(complaint)
+    assert answer.message.isprintable()
+
+
+def test_what_was_saved_is_said_in_one_line(fusion, tmp_path):
+    fusion.go_on(30)
+    answer = fusion.world.call("~save_trajectory", directory=str(tmp_path / "two\nlines"))
+    assert answer.success
+    assert answer.message.startswith(f"{tmp_path / 'two lines'}: wheel.tum (")
+    assert answer.message.isprintable()
+    assert (tmp_path / "two\nlines" / "fused.tum").exists()
+
+
 def test_a_home_that_cannot_be_written_stops_nothing(rosless, ros_home, tmp_path):
     ros_home.touch()
     fusion = FusionDrive(rosless(robot=ROBOT))

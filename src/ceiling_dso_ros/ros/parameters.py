@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Reads private parameters once at start, rejects wrong ones with one line, and writes all values back."""
 
+import os
 from pathlib import Path
 from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
 
@@ -67,15 +68,28 @@ def _with_slashes(message: str, names: Iterable[str]) -> str:
 
 
 def file_path(value: str) -> Optional[Path]:
-    """A file or folder, None for an empty parameter."""
-    return Path(value).expanduser() if value else None
+    """A file or folder, None for an empty text.
+
+    Raises:
+        InputError: no file can have this name, or it begins with the home of a user who is unknown.
+    """
+    if not value:
+        return None
+    try:
+        if b"\0" in os.fsencode(value):
+            raise InputError(f"{value!r}: no file has a NUL in its name")
+        return Path(value).expanduser()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{value!r}: no name of a file: {error.reason}") from error
+    except RuntimeError as error:
+        raise InputError(f"{value}: this home is unknown: {error}") from error
 
 
 def output_folder(value: str) -> Optional[Path]:
     """A folder that files can be written to, made if missing; None for an empty parameter.
 
     Raises:
-        InputError: it cannot be written to.
+        InputError: it is no path, or cannot be written to.
     """
     folder = file_path(value)
     if folder is not None:

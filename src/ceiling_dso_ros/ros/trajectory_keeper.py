@@ -138,6 +138,9 @@ class TrajectoryKeeper(Generic[AnySpool]):
 
     def _answer(self, request: SaveTrajectoryRequest) -> SaveTrajectoryResponse:
         try:
-            return SaveTrajectoryResponse(True, self._save(Path(request.directory).expanduser(), write_all_apart))
+            directory = parameters.file_path(request.directory)
+            if directory is None:
+                raise InputError("directory is empty: name the folder to write to")
+            return SaveTrajectoryResponse(True, one_line(self._save(directory, write_all_apart)))
         except (InputError, OutputError) as error:
             return SaveTrajectoryResponse(False, one_line(str(error)))
