@@ -92,9 +92,11 @@ def test_a_disk_that_does_not_answer_does_not_fill_the_memory(path, monkeypatch)
     file = RollingFile(path, 1000)
     for number in range(50):
         file.append(b"%08d\n" % number)
+    given_up = file.lost
     file.flush()
     assert len(read(path)) <= 100
     assert read(path).endswith(b"00000049\n")
+    assert given_up == file.lost == 50 - len(read(path).splitlines()) > 0
 
 
 def test_a_part_of_a_record_is_left_out(path):

@@ -109,3 +109,4 @@ def test_an_unlimited_wait_for_the_disk_is_limited_in_memory(spool, monkeypatch)
         spool.add(status)
     spool.flush()
     assert len(read_tum(spool.path / "camera.tum")) == 5
+    assert spool.lost == 20

@@ -165,3 +165,4 @@ def test_an_unlimited_wait_for_the_disk_is_limited_in_memory(spool, monkeypatch)
         spool.add(state, NOWHERE)
     spool.flush()
     assert len(read_tum(spool.path / "fused.tum")) == 5
+    assert spool.lost == 20

@@ -77,6 +77,19 @@ def test_a_full_disk_is_a_complaint_that_ends_with_it(tmp_path, monkeypatch):
     assert spool.complaint == ""
 
 
+def test_results_given_up_are_counted_and_a_complaint_of_one_flush(tmp_path, monkeypatch):
+    """The disk does not answer, as while files are at rest."""
+    monkeypatch.setattr("ceiling_dso_ros.io.rolling_file.MOST_PENDING", 100)
+    spool = Spool(SpoolFolder(tmp_path, "dso_node"), LIMITS)
+    for _ in range(30):
+        spool._files["frames.bin"].append(bytes(10))
+    assert spool.lost == 20
+    spool.flush()
+    assert spool.complaint == f"{spool.path}: the disk did not answer for too long: results were given up"
+    spool.flush()
+    assert (spool.complaint, spool.lost) == ("", 20)
+
+
 def test_results_are_added_while_the_files_are_at_rest(tmp_path):
     spool = Spool(SpoolFolder(tmp_path, "dso_node"), LIMITS)
     spool._files["camera.tum"].append(b"one\n")

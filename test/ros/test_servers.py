@@ -234,6 +234,19 @@ def test_one_file_that_cannot_be_written_is_named_with_its_reason(fusion, tmp_pa
     assert len(read_tum(tmp_path / "out" / "fused_smoothed.tum")) > 5
 
 
+def test_results_that_the_disk_does_not_take_are_warned_of_once_and_counted(fusion, monkeypatch):
+    monkeypatch.setattr("ceiling_dso_ros.io.rolling_file.MOST_PENDING", 50)
+    keeper = fusion.server._keeper
+    for _ in range(2):
+        for _ in range(3):
+            keeper.spool._files["motions.bin"].append(bytes(40))
+        keeper._flush()
+        assert "the disk did not answer for too long" in fusion.world.diagnostics().message
+    assert len([line for line in fusion.world.logged if "the disk did not answer for too long" in line]) == 1
+    values = {pair.key: pair.value for pair in fusion.world.diagnostics().values}
+    assert values["results not kept"] == "4"
+
+
 def test_a_run_that_was_killed_is_pointed_to(rosless, ros_home):
     left = ros_home / "ceiling_dso_ros" / "robot-node.20260101-000000.12345.spool"
     left.mkdir(parents=True)

@@ -22,6 +22,9 @@ class RollingFile:
     Args:
         path: NAME; the folder exists.
         limit: largest size of both files together, bytes. At least half of that is kept.
+
+    Attributes:
+        lost: number of results that were given up since the begin because the disk did not take them.
     """
 
     def __init__(self, path: Path, limit: int) -> None:
@@ -30,21 +33,24 @@ class RollingFile:
         self._size = 0
         self._lock = threading.Lock()  # of what waits, never held while the disk works
         self._pending: List[bytes] = []
-        self._pending_size = 0
+        self._pending_size = self._pending_count = 0
+        self.lost = 0
         self._run = self._run_on_disk = 0  # counts what begins anew
 
-    def append(self, record: bytes) -> None:
-        """Add something that stays together: it is kept or given up as a whole."""
+    def append(self, record: bytes, count: int = 1) -> None:
+        """Add something that stays together, with a number of results: it is kept or given up as a whole."""
         with self._lock:
             if self._pending_size + len(record) > MOST_PENDING:
-                self._pending, self._pending_size = [], 0
+                self.lost += self._pending_count
+                self._empty()
             self._pending.append(record)
             self._pending_size += len(record)
+            self._pending_count += count
 
     def clear(self) -> None:
         """Begin anew, with the next flush."""
         with self._lock:
-            self._pending, self._pending_size = [], 0
+            self._empty()
             self._run += 1
 
     def flush(self) -> None:
@@ -54,21 +60,29 @@ class RollingFile:
             OSError: it cannot be written, and is given up. What was written before stays whole.
         """
         with self._lock:
-            pending, run = b"".join(self._pending), self._run
-            self._pending, self._pending_size = [], 0
-        if run != self._run_on_disk:
-            self._begin_anew()
-            self._run_on_disk = run
-        if pending:
-            if self._size > 0 and self._size + len(pending) > self._half:
-                self._roll()
-            self._write(pending)
+            pending, count, run = b"".join(self._pending), self._pending_count, self._run
+            self._empty()
+        try:
+            if run != self._run_on_disk:
+                self._begin_anew()
+                self._run_on_disk = run
+            if pending:
+                if self._size > 0 and self._size + len(pending) > self._half:
+                    self._roll()
+                self._write(pending)
+        except OSError:
+            with self._lock:
+                self.lost += count
+            raise
 
     def close(self) -> None:
         """Close the file; a flush would open it again."""
         if self._file is not None:
             self._file.close()
             self._file = None
+
+    def _empty(self) -> None:
+        self._pending, self._pending_size, self._pending_count = [], 0, 0
 
     def _begin_anew(self) -> None:
         self.close()

@@ -42,6 +42,7 @@ class CameraSpool(Spool):
         frame = np.array((status.stamp_ns, status.keyframe_id, status.T_keyframe_camera[:3]), FRAME)
         with self._lock:
             if len(self._poses) >= MOST_FRAMES:
+                self._never_collected += len(self._poses)
                 self._poses = []
             self._poses.append((status.stamp_ns, status.T_world_camera))
             self._files[FRAMES].append(frame.tobytes())
@@ -70,7 +71,7 @@ class CameraSpool(Spool):
         lines = tum_lines(Trajectory.from_matrices([stamp_ns for stamp_ns, _ in poses], [T for _, T in poses]))
         with self._lock:
             if run == self._run:
-                self._files["camera.tum"].append(lines)
+                self._files["camera.tum"].append(lines, len(poses))
 
 
 def _record(keyframe: KeyframeEstimate) -> bytes:

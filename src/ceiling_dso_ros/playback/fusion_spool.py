@@ -51,6 +51,7 @@ class FusionSpool(Spool):
         """Keep an output, and the (3,) pose by the wheels alone."""
         with self._lock:
             if len(self._outputs) >= MOST_OUTPUTS:
+                self._never_collected += len(self._outputs)
                 self._outputs = FusedRecord()
             self._outputs.add(state, wheel_pose)
 
@@ -85,8 +86,8 @@ class FusionSpool(Spool):
         wheel, fused = tum_lines(outputs.wheel()), tum_lines(outputs.fused())
         with self._lock:
             if run == self._run:
-                self._files["wheel.tum"].append(wheel)
-                self._files["fused.tum"].append(fused)
+                self._files["wheel.tum"].append(wheel, len(outputs))
+                self._files["fused.tum"].append(fused, len(outputs))
 
 
 def write_smoothed(folder: Path, file: BinaryIO, tell: Tell) -> int:

@@ -83,7 +83,7 @@ class Spool:
 
     Attributes:
         path: the folder.
-        complaint: why nothing is kept, in words; empty when it is.
+        complaint: why results were not kept by the last flush, in words; empty when they were.
     """
 
     def __init__(self, folder: SpoolFolder, limits: Mapping[str, int]) -> None:
@@ -93,6 +93,13 @@ class Spool:
         self._folder = folder
         self._files: Dict[str, RollingFile] = {n: RollingFile(self.path / n, limit) for n, limit in limits.items()}
         self._disk = threading.Lock()
+        self._never_collected = 0  # results that were given up before they were in the form of the files
+        self._lost_before = 0  # the last flush
+
+    @property
+    def lost(self) -> int:
+        """Number of results that were given up since the begin because the disk did not take them."""
+        return self._never_collected + sum(file.lost for file in self._files.values())
 
     def clear(self) -> None:
         """Forget all results."""
@@ -148,4 +155,8 @@ class Spool:
                 file.flush()
             except OSError as error:
                 complaints.append(f"{self.path}: cannot write: {reason_of(error)}")
+        lost = self.lost
+        if lost > self._lost_before and not complaints:
+            complaints.append(f"{self.path}: the disk did not answer for too long: results were given up")
+        self._lost_before = lost
         self.complaint = complaints[0] if complaints else ""

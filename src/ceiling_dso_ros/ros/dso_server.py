@@ -319,6 +319,7 @@ class DsoServer:
             report.mergeSummary(diagnostics.WARN, self._exposures.complaint)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
+        report.add("results not kept", str(self._keeper.lost))
         report.add("processing [ms]", f"{status.processing_ms:.1f}")
         report.add("photometric error [grey levels]", f"{status.rmse:.2f}")
         report.add("active points", str(status.active_points))

@@ -325,6 +325,7 @@ class FusionServer:
             status.mergeSummary(diagnostics.WARN, self._order.apart)
         self._wheels.judge(status, rospy.resolve_name("wheel/odometry"))
         self._images.judge(status, rospy.resolve_name("visual_odometry/status"), diagnostics.WARN)
+        status.add("results not kept", str(self._keeper.lost))
         if state is not None:
             status.add("scale [m / VO unit]", f"{state.scale.value:.6g}")
             status.add("scale: relative sigma", f"{state.scale.sigma:.3g}")

@@ -4,7 +4,7 @@
 import os
 import threading
 from pathlib import Path
-from typing import Callable, Generic, Mapping, Optional, Protocol, TypeVar
+from typing import Callable, Generic, Mapping, Optional, Protocol, Set, TypeVar
 
 import rospy
 
@@ -66,9 +66,10 @@ class TrajectoryKeeper(Generic[AnySpool]):
         self._directory = parameters.output_folder(own.trajectory_dir)
         self._saving = threading.Lock()
         self._failure = ""
+        self._told: Set[str] = set()  # complaints that were logged
         self.spool = self._begin(begin, own.trajectory_limit_mb * MEGABYTE) if own.keep_trajectory else None
         if self.spool is not None:
-            Periodic(self.spool.flush, FLUSH_PERIOD_S, "writing of trajectories")
+            Periodic(self._flush, FLUSH_PERIOD_S, "writing of trajectories")
 
     def offer_service(self) -> None:
         """Offer ~save_trajectory; `newest` may be asked from now on."""
@@ -78,6 +79,11 @@ class TrajectoryKeeper(Generic[AnySpool]):
     def complaint(self) -> str:
         """Why results are not kept though they should be, in words; empty when they are."""
         return self._failure if self.spool is None else self.spool.complaint
+
+    @property
+    def lost(self) -> int:
+        """Number of results that the disk did not take."""
+        return 0 if self.spool is None else self.spool.lost
 
     def clear(self) -> None:
         """Forget all results: a new run begins."""
@@ -98,6 +104,16 @@ class TrajectoryKeeper(Generic[AnySpool]):
                 raise OutputError(f"{error}{kept}") from error
         if self.spool is not None:
             self.spool.remove()
+
+    def _flush(self) -> None:
+        """Bring results to the disk; each kind of complaint is logged once, the diagnostics have all."""
+        if self.spool is None:
+            return
+        self.spool.flush()
+        complaint = self.spool.complaint
+        if complaint and complaint not in self._told:
+            self._told.add(complaint)
+            rospy.logwarn(complaint)
 
     def _save(self, directory: Path, write: Callable[[Path, Path], Written]) -> str:
         """Write the trajectories so far; returns what was written. Results are added all the while.
