@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
+import pytest
 
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.io.bag_writer import BagWriter
@@ -46,3 +47,14 @@ def test_the_folder_of_a_node_that_was_killed(tmp_path, capsys):
     (tmp_path / "out" / "fused.tum").mkdir()
     assert main(["collect", str(spool), "--out", str(tmp_path / "out")]) == 1
     assert "fused.tum: cannot write the trajectory: Is a directory" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("below", [".", "new"])
+def test_nothing_is_written_where_a_node_keeps_its_results(tmp_path, capsys, below):
+    spool = tmp_path / "fusion_node.20260101-000000.1.spool"
+    spool.mkdir()
+    (spool / "fused.tum").write_text("1.0 0 0 0 0 0 0 1\n")
+    (tmp_path / "link").symlink_to(spool)
+    assert main(["collect", str(spool), "--out", str(tmp_path / "link" / below)]) == 2
+    assert f"a node keeps its results in {spool}; choose a folder outside" in capsys.readouterr().err
+    assert [path.name for path in spool.iterdir()] == ["fused.tum"]

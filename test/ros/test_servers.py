@@ -193,6 +193,19 @@ def test_trajectories_are_not_saved_where_there_is_no_folder(fusion, directory, 
     assert answer.message.isprintable()
 
 
+@pytest.mark.parametrize("below", [".", "new"])
+def test_nothing_is_saved_into_the_folder_where_results_are_kept(fusion, tmp_path, below):
+    """It would replace a file to which the node goes on writing."""
+    fusion.go_on(30)
+    spool = fusion.server._keeper.spool
+    answer = fusion.world.call("~save_trajectory", directory=str(spool.path / below))
+    assert not answer.success
+    assert answer.message.endswith(f"a node keeps its results in {spool.path}; choose a folder outside of it")
+    fusion.go_on(30)
+    assert fusion.world.call("~save_trajectory", directory=str(tmp_path / "out")).success
+    assert len(read_tum(tmp_path / "out" / "fused.tum")) == fusion.outputs
+
+
 def test_what_was_saved_is_said_in_one_line(fusion, tmp_path):
     fusion.go_on(30)
     answer = fusion.world.call("~save_trajectory", directory=str(tmp_path / "two\nlines"))

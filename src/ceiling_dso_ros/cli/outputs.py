@@ -13,8 +13,11 @@ def require_output_folder(folder: Path, names: Iterable[str] = ()) -> None:
     """Make a folder if it is missing, and try whether files with these names can be written to it.
 
     Raises:
-        InputError: they cannot.
+        InputError: they cannot, or a node keeps its results there.
     """
+    from ceiling_dso_ros.playback.spool_files import require_outside_spools  # slow to import
+
+    require_outside_spools(folder)
     try:
         require_writable(folder, names)
     except OutputError as error:

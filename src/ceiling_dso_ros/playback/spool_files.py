@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Callable, Dict, List, Mapping, Sequence
 
-from ceiling_dso_ros.io.errors import OutputError, reason_of
+from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
 from ceiling_dso_ros.io.replacing import replacing, write_each
 from ceiling_dso_ros.playback.spool_records import Tell, read_pose_lines
 
@@ -46,7 +46,19 @@ class Written:
 
 def is_spool(folder: Path) -> bool:
     """Whether a node has kept results in a folder."""
-    return folder.is_dir() and folder.suffix == ".spool"
+    return folder.suffix == ".spool" and os.path.isdir(folder)  # False, too, for what cannot be a name
+
+
+def require_outside_spools(folder: Path) -> None:
+    """Refuse to write where nodes keep their results: open files would be replaced, and all is removed in the end.
+
+    Raises:
+        InputError: a folder, which need not exist, is that of a node, or within it.
+    """
+    resolved = Path(os.path.realpath(folder))
+    for parent in (resolved, *resolved.parents):
+        if is_spool(parent):
+            raise InputError(f"{folder}: a node keeps its results in {parent}; choose a folder outside of it")
 
 
 def write_all(spool: Path, directory: Path) -> Written:

@@ -10,6 +10,7 @@ import rospy
 from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.known_names import all_names, require_known
 from ceiling_dso_ros.io.replacing import require_writable
+from ceiling_dso_ros.playback.spool_files import require_outside_spools
 from ceiling_dso_ros.settings import default_values, merge_settings, plain_values
 
 
@@ -101,8 +102,9 @@ def make_writable(folder: Path) -> None:
     """Make a folder if it is missing.
 
     Raises:
-        InputError: it cannot be made or written to.
+        InputError: it cannot be made or written to, or is where a node keeps its results.
     """
+    require_outside_spools(folder)
     try:
         require_writable(folder)
     except OutputError as error:
