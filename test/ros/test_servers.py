@@ -22,7 +22,7 @@ from ceiling_dso_ros.cfg import DsoConfig  # noqa: E402
 from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
 from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
-from ceiling_dso_ros.ros import diagnostics, trajectory_keeper  # noqa: E402
+from ceiling_dso_ros.ros import diagnostics, run_clock, trajectory_keeper  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
 from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
@@ -392,6 +392,21 @@ def test_a_wheel_sample_at_the_moment_of_the_end_is_no_error(fusion, monkeypatch
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)  # before is_shutdown, which is not yet
     fusion.hear_wheels()
     assert not rospy.is_shutdown()
+
+
+def test_a_wheel_sample_an_hour_ahead_costs_nothing_while_time_is_simulated(rosless, monkeypatch):
+    monkeypatch.setattr(run_clock, "time_is_simulated", lambda: True)
+    fusion = FusionDrive(rosless(robot=ROBOT))
+    fusion.go_on(60)
+    wrong = Odometry(header=Header(stamp=ros_time(fusion.drive.image_ns(60) + 3600 * 10**9), frame_id="odom"))
+    wrong.pose.pose.orientation.w = 1.0
+    x_m, outputs = fusion.world.newest[OUTPUT].pose.pose.position.x, fusion.outputs
+    fusion.world.callbacks["wheel/odometry"](wrong)
+    assert fusion.outputs == outputs
+    assert "far from that of the last one, and alone" in fusion.world.diagnostics().message
+    fusion.go_on(60)
+    assert fusion.world.newest[OUTPUT].pose.pose.position.x > x_m > 0.0
+    assert fusion.world.newest["fusion/status"].resets == 0
 
 
 def test_a_topic_that_is_closed_without_an_end_is_an_error(fusion, monkeypatch):

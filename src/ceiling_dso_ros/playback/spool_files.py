@@ -46,7 +46,7 @@ class Written:
 
 def is_spool(folder: Path) -> bool:
     """Whether a node has kept results in a folder."""
-    return folder.suffix == ".spool" and os.path.isdir(folder)  # False, too, for what cannot be a name
+    return folder.suffix == ".spool" and os.path.isdir(folder)  # noqa: PTH112  # Path raises if a name is too long
 
 
 def require_outside_spools(folder: Path) -> None:

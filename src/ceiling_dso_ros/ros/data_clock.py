@@ -27,6 +27,7 @@ class StampKind(enum.Enum):
     REPEATED = "that of the last one"
     LATE = "before that of the last one"
     BACK = "far before that of the last one"  # a bag is played again, or somebody has set the clock
+    DOUBTED = "far from that of the last one, and alone"  # of a simulated time, see `RunClock`
 
 
 class Era(NamedTuple):
@@ -56,9 +57,13 @@ class DataClock:
         """Inner time of the latest stamp, None before the first."""
         return self._last_ns
 
+    def ahead_ns(self, stamp_ns: int) -> int:
+        """Nanoseconds by which a stamp lies after the latest one, negative before it; 0 before the first."""
+        return 0 if self._last_ns is None else stamp_ns + self._eras[-1].offset_ns - self._last_ns
+
     def behind_s(self, stamp_ns: int) -> float:
         """Seconds by which a stamp lies before the latest one; 0 before the first."""
-        return 0.0 if self._last_ns is None else seconds(self._last_ns - stamp_ns - self._eras[-1].offset_ns)
+        return seconds(-self.ahead_ns(stamp_ns))
 
     def take(self, stamp_ns: int) -> StampKind:
         """Classify a stamp; only NEXT advances the time."""

@@ -258,12 +258,12 @@ class DsoServer:
             Its time on the inner clock, nanoseconds.
 
         Raises:
-            FrameError: there is no stamp, or it is not later than that of the last image.
+            FrameError: there is no stamp, it is not later than that of the last image, or it is not believed.
         """
         if stamp_ns == 0:
             raise FrameError("it has no stamp")
         kind = self._clock.follow(stamp_ns, self._start_anew)
-        if kind in (StampKind.REPEATED, StampKind.LATE):
+        if kind in (StampKind.REPEATED, StampKind.LATE, StampKind.DOUBTED):
             raise FrameError(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
         return self._clock.inner_ns(stamp_ns)
 

@@ -21,6 +21,7 @@ from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.ros_messages import planar_pose
+from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.wheel_messages import other_body
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.playback.fusion_spool import FusionSpool
@@ -29,6 +30,7 @@ from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time
+from ceiling_dso_ros.ros.data_clock import StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
 from ceiling_dso_ros.ros.metric_map import MetricMap
@@ -154,7 +156,10 @@ class FusionServer:
             if stamp_ns == 0:
                 self._wheels.complain("a message without a stamp")
                 return
-            self._clock.follow(stamp_ns, self._start_anew)
+            kind = self._clock.follow(stamp_ns, self._start_anew)
+            if kind is StampKind.DOUBTED:
+                self._wheels.complain(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
+                return
             self._use_latched_window()
             self._use_mount()
             doubt = "" if self._wheel_frame else other_body(message.child_frame_id, self._base_frame)

@@ -14,10 +14,12 @@ from std_msgs.msg import Header, Int32
 
 from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.errors import one_line
+from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 from ceiling_dso_ros.io.wheel_joints import NAME_THEM, WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
+from ceiling_dso_ros.ros.data_clock import StampKind
 from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import WheelParameters
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
@@ -100,7 +102,8 @@ class WheelServer:
                 self._samples.complain("a message without a stamp")
             elif angles is not None:
                 inner_ns = self._begin_sample(angles.stamp_ns)
-                self._take_in(self._odometry.add_angles(inner_ns, angles.left, angles.right))
+                if inner_ns is not None:
+                    self._take_in(self._odometry.add_angles(inner_ns, angles.left, angles.right))
 
     def _on_ticks(self, side: str, message: Int32) -> None:
         with self._lock:
@@ -110,13 +113,22 @@ class WheelServer:
             stamp_ns, left, right = counters
             if stamp_ns == 0:
                 self._samples.complain("ticks before the clock has started")
-            else:
-                self._take_in(self._odometry.add_ticks(self._begin_sample(stamp_ns), left, right))
+                return
+            inner_ns = self._begin_sample(stamp_ns)
+            if inner_ns is not None:
+                self._take_in(self._odometry.add_ticks(inner_ns, left, right))
 
-    def _begin_sample(self, stamp_ns: int) -> int:
-        """Count a sample, and restart if a bag is played again; returns its time on the inner clock."""
+    def _begin_sample(self, stamp_ns: int) -> Optional[int]:
+        """Count a sample, and restart if a bag is played again.
+
+        Returns:
+            Its time on the inner clock; None if its stamp is not believed.
+        """
         self._samples.heard()
-        self._clock.follow(stamp_ns, self._odometry.reset)
+        kind = self._clock.follow(stamp_ns, self._odometry.reset)
+        if kind is StampKind.DOUBTED:
+            self._samples.complain(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
+            return None
         return self._clock.inner_ns(stamp_ns)
 
     def _take_in(self, step: Optional[WheelStep]) -> None:
