@@ -68,16 +68,26 @@ def test_a_restart_forgets_everything():
     assert len(run.trajectories.live()) == 0
 
 
-def test_an_image_that_repeats_the_last_one_has_no_pose():
-    """A driver that has stopped sends its last image with new stamps."""
+@pytest.mark.parametrize("buffers", [1, 2, 8])
+def test_an_image_that_repeats_one_of_the_last_has_no_pose(buffers):
+    """A driver that has stopped sends what is in its buffers with new stamps, again and again."""
     odometry, rng = FakeOdometry(), np.random.default_rng(0)
     run = VisualRun(lambda image: image, odometry)
-    first, second = rng.integers(0, 256, (2, 4, 5)).astype(np.uint8)
-    states = [run.track(image, k, None).status.state for k, image in enumerate((first, first.copy(), second, first))]
+    images = rng.integers(0, 256, (buffers + 12, 4, 10)).astype(np.uint8)[:, :, ::2]
+    sent = [*images[:10], *[image.copy() for _ in range(3) for image in images[10 - buffers : 10]], *images[10:]]
+    states = [run.track(image, k, None).status.state for k, image in enumerate(sent)]
     tracking, retrying = TrackingState.TRACKING, TrackingState.RETRYING
-    assert states == [tracking, retrying, tracking, tracking]
-    assert run.last.stamp_ns == 3
-    assert len(run.trajectories.live()) == 3
+    assert states == [*[tracking] * 10, *[retrying] * 3 * buffers, *[tracking] * (buffers + 2)]
+    assert run.last.message == ""
+    assert run.last.stamp_ns == len(sent) - 1
+    assert len(run.trajectories.live()) == len(images)
+
+
+def test_an_image_of_long_ago_is_no_repetition():
+    """As where a lamp comes and goes under a camera without noise."""
+    run = VisualRun(lambda image: image, FakeOdometry())
+    images = np.random.default_rng(0).integers(0, 256, (9, 4, 5)).astype(np.uint8)
+    assert {run.track(image, 0, None).status.state for image in (*images, images[0])} == {TrackingState.TRACKING}
 
 
 def test_black_images_are_alike_and_the_odometry_judges_them():

@@ -209,7 +209,7 @@ FAULTS: Dict[str, Fault] = {
         GROUP,
         "the driver repeats its last image with new stamps for 4 s",
         during(4.0, always(Frozen())),
-        "repeats its last image",
+        "repeats its last images",
         0.5,
         is_blind=True,
         losses=1,
