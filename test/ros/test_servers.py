@@ -20,6 +20,7 @@ from straight_drive import Drive  # noqa: E402
 
 from ceiling_dso_ros.cfg import DsoConfig  # noqa: E402
 from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
+from ceiling_dso_ros.io.ros_messages import planar_pose  # noqa: E402
 from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
 from ceiling_dso_ros.ros import diagnostics, run_clock, trajectory_keeper  # noqa: E402
@@ -213,6 +214,20 @@ def test_what_was_saved_is_said_in_one_line(fusion, tmp_path):
     assert answer.message.startswith(f"{tmp_path / 'two lines'}: wheel.tum (")
     assert answer.message.isprintable()
     assert (tmp_path / "two\nlines" / "fused.tum").exists()
+
+
+@pytest.mark.parametrize(("x_m", "is_taken"), [(1e8, False), (-5.1e7, False), (5e7, True), (-5e7, True)])
+def test_a_pose_is_set_only_to_where_the_robot_can_drive_on(fusion, x_m, is_taken):
+    """What is published from then on can be read by whoever reads poses as this package does."""
+    fusion.go_on(30)
+    pose = PoseStamped()
+    pose.pose.position.x, pose.pose.orientation.w = x_m, 1.0
+    answer = fusion.world.services["~set_pose"](SetPoseRequest(pose))
+    assert answer.success == is_taken
+    assert is_taken or "the pose has a number beyond 5e+07" in answer.message
+    fusion.go_on(30)
+    x, _, _ = planar_pose(fusion.world.newest[OUTPUT].pose.pose)
+    assert abs(x - (x_m if is_taken else 0.0)) < 10.0
 
 
 def test_a_home_that_cannot_be_written_stops_nothing(rosless, ros_home, tmp_path):

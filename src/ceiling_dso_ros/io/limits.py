@@ -15,6 +15,7 @@ MOST_CHUNK_BYTES = 2**28  # of a bag, decompressed: recorders fill 768 kB, and o
 MOST_JOINTS = 500  # names in joint_states
 MOST_FRAMES = 100  # from one frame of tf to another
 LARGEST_M = 1e8  # of a position, metres or VO units: further than any map projection goes, and resolved to 15 nm
+LARGEST_SET_M = LARGEST_M / 2  # of a pose that the published one is set to: the robot drives on from there
 LARGEST_RAD = 1e12  # of the angle of a wheel: at 1e12 a float64 still resolves a tenth of a milliradian
 MOST_RAYS = 20_000  # of a LiDAR's scan; those with the finest resolution have a few thousand
 LONGEST_SCAN_LINE = 500_000  # bytes of a line with a scan

@@ -20,6 +20,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
 from ceiling_dso_ros.io.errors import one_line
+from ceiling_dso_ros.io.limits import LARGEST_SET_M
 from ceiling_dso_ros.io.ros_messages import planar_pose
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.wheel_messages import other_body
@@ -300,6 +301,8 @@ class FusionServer:
             return SetPoseResponse(False, one_line(f"the pose is in {frame_id[:100]}, not in {self._odom_frame}"))
         try:
             pose = planar_pose(request.pose.pose)
+            if np.abs(pose[:2]).max() > LARGEST_SET_M:
+                raise ValueError(f"the pose has a number beyond {LARGEST_SET_M:g}, from where no robot drives on")
         except ValueError as error:
             return SetPoseResponse(False, str(error))
         with self._lock:
