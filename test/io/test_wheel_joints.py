@@ -37,10 +37,26 @@ def test_several_pairs_are_no_wheels_unless_they_are_named():
     assert WheelJoints(*FINGERS).read(1, [*names, *FINGERS], range(6)) == (1, 4, 5)
 
 
-def test_names_that_are_not_there_are_said():
-    joints = WheelJoints("port", "starboard")
+@pytest.mark.parametrize(
+    ("given", "missing"),
+    [
+        (("port", "starboard"), "port (--left) and starboard (--right) are not among "),
+        (("port", "wheel_right"), "port (--left) is not among "),
+        (("wheel_left", "starboard"), "starboard (--right) is not among "),
+        (("port", ""), "port (--left) is not among "),
+        (("", "starboard"), "starboard (--right) is not among "),
+    ],
+)
+def test_names_that_are_not_there_are_said(given, missing):
+    joints = WheelJoints(*given, options=("--left", "--right"))
     assert joints.read(1, WHEELS, [1.0, 2.0]) is None
-    assert joints.missing == "port and starboard are not among wheel_left, wheel_right"
+    assert joints.missing == f"{missing}wheel_left, wheel_right"
+
+
+def test_a_named_wheel_without_a_counterpart_is_said():
+    joints = WheelJoints(right_joint="arm")
+    assert joints.read(1, [*WHEELS, "arm"], [1.0, 2.0, 3.0]) is None
+    assert joints.missing == "arm has no counterpart among wheel_left, wheel_right, arm; name it with left_joint"
 
 
 def test_a_pair_that_turns_up_later_is_not_taken_but_said():

@@ -68,7 +68,7 @@ class BagWheels:
         if topics.joint_states not in self._types:
             return None
         states = ((recorded_ns, state) for _, recorded_ns, state in self._contents(JOINT_STATES, topics.joint_states))
-        joints = WheelJoints(topics.left_joint, topics.right_joint)
+        joints = WheelJoints(topics.left_joint, topics.right_joint, ("--left-joint", "--right-joint"))
         return samples_of_joint_states(states, joints, f"{self._path}, {topics.joint_states}", self._warn)
 
     def _odometry(self) -> Optional[WheelSamples]:

@@ -2,13 +2,13 @@
 """Finds the wheels among the joints of a robot and reads their angles, in the same way for nodes and offline runs."""
 
 import math
-from typing import Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from ceiling_dso_ros.io.joint_names import JointPair, are_of_one_base, partner, wheel_pairs
 from ceiling_dso_ros.io.limits import LARGEST_RAD, MOST_JOINTS
 from ceiling_dso_ros.io.tick_pairs import TickPairs
 
-NAME_THEM = "name the wheels with left_joint and right_joint"
+PARAMETERS = ("left_joint", "right_joint")  # of the node, with which the wheels are named
 # Wheels of one side are compared over this way: one and a half turns, much more than the play of gears and belts.
 COMPARED_RAD = 10.0
 # Wheels of one side that are coupled, or driven alike, roll as far as each other but for their radii, some percent.
@@ -31,11 +31,20 @@ class WheelJoints:
 
     Attributes:
         complaint: what is wrong with the last message, in words; empty if nothing is, or if it is ignored.
+        remedy: how to name the wheels, in words.
     """
 
-    def __init__(self, left_joint: str = "", right_joint: str = "") -> None:
-        """Take the names of the wheels; an empty one is found."""
+    def __init__(self, left_joint: str = "", right_joint: str = "", options: Tuple[str, str] = PARAMETERS) -> None:
+        """Begin.
+
+        Args:
+            left_joint: name of the left wheel; an empty one is found.
+            right_joint: of the right wheel.
+            options: what both are named with, for messages.
+        """
         self.complaint = ""
+        self.remedy = f"name the wheels with {' and '.join(options)}"
+        self._options = options
         self._left_joint, self._right_joint = left_joint, right_joint
         self._seen: Dict[str, None] = {}  # a dict keeps their order
         self._pairs: List[JointPair] = []
@@ -47,12 +56,18 @@ class WheelJoints:
         """Why the wheels are not known yet, in words; empty when they are."""
         if self._pairs:
             return ""
-        if self._left_joint and self._right_joint:
-            return f"{JointPair(self._left_joint, self._right_joint)} are not among {self._names()}"
+        given = {option: name for option, name in zip(self._options, (self._left_joint, self._right_joint)) if name}
+        absent = [f"{name} ({option})" for option, name in given.items() if name not in self._seen]
+        if absent:
+            return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not among {self._names()}"
+        if given:
+            (name,) = given.values()
+            (other,) = {*self._options} - {*given}
+            return f"{name} has no counterpart among {self._names()}; name it with {other}"
         found = self._candidates()
         if found:
-            return f"several pairs of joints could be the wheels: {', or '.join(map(str, found))}; {NAME_THEM}"
-        return f"no left and right wheel among {self._names()}; {NAME_THEM}"
+            return f"several pairs of joints could be the wheels: {', or '.join(map(str, found))}; {self.remedy}"
+        return f"no left and right wheel among {self._names()}; {self.remedy}"
 
     @property
     def pairs(self) -> Sequence[JointPair]:
@@ -102,10 +117,10 @@ class WheelJoints:
         found = self._candidates()
         if not self._pairs and (len(found) == 1 or (found and are_of_one_base(found))):
             self._pairs = found
-            self._sides = [_Side([pair.left for pair in found]), _Side([pair.right for pair in found])]
+            self._sides = [_Side(joints, self.remedy) for joints in zip(*found)]
         elif self._pairs and not {*self._pairs} <= {*found}:
             others = ", or ".join(str(pair) for pair in found if pair not in self._pairs)
-            self.complaint = f"{self._pairs[0]} are used as the wheels, it could be {others}; {NAME_THEM}"
+            self.complaint = f"{self._pairs[0]} are used as the wheels, it could be {others}; {self.remedy}"
 
     def _candidates(self) -> List[JointPair]:
         seen = list(self._seen)
@@ -132,8 +147,9 @@ class _Side:
         disagreement: that they do not roll alike, in words; said once, when it is found.
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    def __init__(self, joints: Sequence[str], remedy: str) -> None:
         self.joints = joints
+        self._remedy = remedy
         self.disagreement = ""
         self._angles: Optional[List[float]] = None
         self._ahead = [0.0] * len(joints)  # what each has rolled more than the first, endless
@@ -162,7 +178,7 @@ class _Side:
             self._said = True
             self.disagreement = (
                 f"{self.joints[0]} and {self.joints[worst]} roll differently, by {apart[worst]:.0%}, and their mean is "
-                f"used; {NAME_THEM}"
+                f"used; {self._remedy}"
             )
         self._rolled_rad, self._compared = 0.0, list(self._ahead)
 

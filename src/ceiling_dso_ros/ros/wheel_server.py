@@ -16,7 +16,7 @@ from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
 from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.tick_pairs import TickPairs
-from ceiling_dso_ros.io.wheel_joints import NAME_THEM, WheelJoints
+from ceiling_dso_ros.io.wheel_joints import WheelJoints
 from ceiling_dso_ros.ros import diagnostics, parameters
 from ceiling_dso_ros.ros.conversions import UNKNOWN_VARIANCE, ros_time
 from ceiling_dso_ros.ros.data_clock import StampKind
@@ -97,7 +97,7 @@ class WheelServer:
                 self._complain(self._joints.complaint)
             elif angles is None and (not self._samples.received or self._samples.silent):  # others may share the topic
                 wheels = " and ".join(map(str, self._joints.pairs))
-                self._samples.complain(self._joints.missing or f"a message without {wheels}; {NAME_THEM}")
+                self._samples.complain(self._joints.missing or f"a message without {wheels}; {self._joints.remedy}")
             if angles is not None and stamp_ns == 0:
                 self._samples.complain("a message without a stamp")
             elif angles is not None:
