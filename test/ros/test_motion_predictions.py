@@ -55,7 +55,7 @@ def test_garbage_is_not_used():
 
 
 def test_the_plane_of_the_motion_comes_out_as_it_went_in():
-    """What dso_node and `run --predict` are told is the same."""
+    """What dso_node and `run` are told is the same."""
     normal = np.array([0.02, -0.03, 1.0]) / np.linalg.norm([0.02, -0.03, 1.0])
     for sent in (CameraMotion(np.eye(4), np.eye(6), metric=True, normal=normal), CameraMotion(np.eye(4), np.eye(6))):
         message = prediction_message(Header(stamp=ros_time(START_NS + 20_000_000)), START_NS, sent, 3)

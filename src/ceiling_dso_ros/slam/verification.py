@@ -60,7 +60,8 @@ class Verifier:
 
     def __init__(self, camera: RecordCamera) -> None:
         self._aligner = Aligner(camera)
-        self._prepared: OrderedDict[int, PreparedView] = OrderedDict()
+        # With the record itself: otherwise a new one could have the id of one that is gone.
+        self._prepared: OrderedDict[int, Tuple[KeyframeRecord, PreparedView]] = OrderedDict()
 
     def verify(
         self, a: KeyframeRecord, b: KeyframeRecord, expected: Optional[np.ndarray] = None
@@ -127,11 +128,11 @@ class Verifier:
     def _view(self, record: KeyframeRecord) -> PreparedView:
         key = id(record)
         if key not in self._prepared:
-            self._prepared[key] = self._aligner.prepare(record)
+            self._prepared[key] = record, self._aligner.prepare(record)
             if len(self._prepared) > KEPT_VIEWS:
                 self._prepared.popitem(last=False)
         self._prepared.move_to_end(key)
-        return self._prepared[key]
+        return self._prepared[key][1]
 
 
 def _matches(a: KeyframeRecord, b: KeyframeRecord) -> np.ndarray:
