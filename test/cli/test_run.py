@@ -109,6 +109,27 @@ def test_settings_of_the_fusion(wheeled_folder, command, tmp_path):
     assert_refused(wrong, "graph.window")
 
 
+def test_a_part_of_a_recording(wheeled_folder, command, tmp_path):
+    stamps_s = np.array([float(line.split()[1]) for line in (wheeled_folder / "times.txt").read_text().splitlines()])
+    start_s, duration_s = 0.31, 0.52
+    part = ("--start", f"{start_s}", "--duration", f"{duration_s}")
+    assert command("run", wheeled_folder, "--out", tmp_path / "out", *part).returncode == 0
+    since_s = stamps_s - stamps_s[0]
+    assert summary_of(tmp_path / "out")["frames"] == np.sum((since_s >= start_s) & (since_s <= start_s + duration_s))
+
+
+@pytest.mark.parametrize(
+    ("part", "reason"),
+    [
+        (("--start", "-1"), "--start -1: 0 to 1e+06 seconds"),
+        (("--duration", "nan"), "--duration nan: 0 to 1e+06 seconds"),
+        (("--start", "5000"), "--start 5000: the last image comes before that"),
+    ],
+)
+def test_parts_that_are_none_are_refused(tum_folder, command, tmp_path, part, reason):
+    assert_refused(command("run", tum_folder, "--out", tmp_path / "out", *part), reason)
+
+
 def test_the_wheels_predict_unless_told_otherwise(wheeled_folder, command, tmp_path):
     def camera(*options):
         assert command("run", wheeled_folder, "--out", tmp_path / "out", *options).returncode == 0

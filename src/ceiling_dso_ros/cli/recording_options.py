@@ -22,6 +22,10 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or a folder in the TUM-mono layout")
     add_camera_options(parser)
     add_exposure_option(parser)
+    parser.add_argument(
+        "--start", metavar="S", type=float, default=0.0, help="begin so many seconds after the first image"
+    )
+    parser.add_argument("--duration", metavar="S", type=float, default=0.0, help="use so many seconds (default: all)")
 
 
 def add_exposure_option(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +85,22 @@ def open_with(options: argparse.Namespace, warnings: "WarningLog") -> "Recording
         warn=warnings.add,
     )
     recording.uses_exposures = not options.no_exposure
-    return recording
+    return _part(recording, getattr(options, "start", 0.0), getattr(options, "duration", 0.0))
+
+
+def _part(recording: "Recording", start_s: float, duration_s: float) -> "Recording":
+    """The part of a recording that was asked for."""
+    from ceiling_dso_ros.io.recording_view import LONGEST_S, RecordingPart
+
+    for name, value_s in (("--start", start_s), ("--duration", duration_s)):
+        if not 0.0 <= value_s <= LONGEST_S:
+            raise InputError(f"{name} {value_s:g}: 0 to {LONGEST_S:g} seconds")
+    if not start_s and not duration_s:
+        return recording
+    part = RecordingPart(recording, start_s, duration_s)
+    if part.is_empty:
+        raise InputError(f"{recording.path}: --start {start_s:g}: the last image comes before that")
+    return part
 
 
 def visual_run(

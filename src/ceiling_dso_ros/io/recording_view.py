@@ -10,6 +10,8 @@ from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.recording import ImageTimes, ListedImage, Recording, RobotDescription, WheelSamples
 from ceiling_dso_ros.io.stamps import NANOSECONDS
 
+LONGEST_S = 1e6  # of a recording: eleven days
+
 
 class RecordingView(Recording):
     """A recording as it is; subclasses change what they show of it."""
@@ -73,6 +75,14 @@ class RecordingPart(RecordingView):
         end_ns = self._first_ns + round(duration_s * NANOSECONDS)
         self._last_ns = min(times.last_ns, end_ns) if duration_s else times.last_ns
         self._times = times
+
+    def __len__(self) -> int:
+        return len(self._recording) if self._is_whole else sum(1 for _ in self.images())
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it begins after the last image."""
+        return self._first_ns > self._times.last_ns
 
     def images(self) -> Iterator[ListedImage]:
         """See Recording; an image without a stamp belongs to a part if it is listed after its first."""

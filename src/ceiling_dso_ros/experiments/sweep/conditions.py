@@ -7,6 +7,7 @@ from typing import Optional, Tuple
 from ceiling_dso_ros.dso.config import ConfigError, require
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.image_scaling import parse_image_size
+from ceiling_dso_ros.io.recording_view import LONGEST_S
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,8 @@ class Conditions:
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
         for name, most in (
-            ("fps", 1000.0), ("start", 1e6), ("duration", 1e6), ("drop", 0.99), ("noise", 100.0), ("blur", 50.0),
-            ("exposure", 10.0), ("stamp_jitter", 1.0),
+            ("fps", 1000.0), ("start", LONGEST_S), ("duration", LONGEST_S), ("drop", 0.99), ("noise", 100.0),
+            ("blur", 50.0), ("exposure", 10.0), ("stamp_jitter", 1.0),
         ):  # fmt: skip
             value = getattr(self, name)
             require(0.0 <= value <= most, f"{name}={value:g}: 0 to {most:g}")
