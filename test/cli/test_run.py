@@ -11,6 +11,7 @@ from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.settings import load_settings
 
+pytestmark = pytest.mark.long  # each command is a process of its own, which loads all kernels
 FRAMES = 40
 TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
 FUSED = {"wheel.tum", "fused.tum", "fused_smoothed.tum", "fusion.yaml"}

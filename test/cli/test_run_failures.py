@@ -22,6 +22,7 @@ from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.io.tum_folder import TumFolderRecording
 from ceiling_dso_ros.playback import visual_run
 
+pytestmark = pytest.mark.long  # each command is a process of its own, which loads all kernels
 FRAMES = 40
 TRAJECTORIES = ("camera.tum", "camera_final.tum", "keyframes.tum")
 OUTPUTS = {*TRAJECTORIES, "map.ply", "timing.csv", "config.yaml", "summary.json"}
