@@ -37,6 +37,16 @@ def test_one_stamp_in_the_future_costs_one_image(by_ns, index):
     assert sum(map(bool, wrong)) == 1
 
 
+@pytest.mark.parametrize("by_ns", [INTERVAL_NS * 5, 10**9, HOUR_NS])
+@pytest.mark.parametrize("index", [1, 20])
+def test_one_stamp_in_the_past_costs_one_image(by_ns, index):
+    stamps_ns = list(IN_ORDER)
+    stamps_ns[index] -= by_ns
+    wrong = faults(stamps_ns)
+    assert "lies before" in wrong[index] or "far ahead" in wrong[0]  # of the first two, either may be wrong
+    assert sum(map(bool, wrong)) == 1
+
+
 def test_images_that_changed_places_are_no_clock():
     stamps_ns = list(IN_ORDER)
     stamps_ns[20], stamps_ns[21] = stamps_ns[21], stamps_ns[20]

@@ -77,6 +77,15 @@ def test_edges_to_nowhere_are_refused(site, tmp_path):
         read_map(tmp_path / "site")
 
 
+def test_an_array_that_declares_more_than_there_is_takes_no_memory(site, tmp_path):
+    content = map_bytes(site)
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (10**15, 3)})
+    (tmp_path / "site").write_bytes(rewritten(content, "point.npy", lambda _: header.getvalue()))
+    with pytest.raises(InputError, match="another size than it declares"):
+        read_map(tmp_path / "site")
+
+
 def test_another_camera_or_mount_is_refused(site):
     other = RecordCamera(site.camera.camera, ceiling.mount(roll=0.1))
     with pytest.raises(InputError, match="another camera or mount"):

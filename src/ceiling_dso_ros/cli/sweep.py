@@ -75,7 +75,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.experiments.report.page import write_report
     from ceiling_dso_ros.experiments.report.study import read_study
     from ceiling_dso_ros.experiments.sweep.store import TABLE, Store
-    from ceiling_dso_ros.experiments.sweep.sweep import DONE, carry_out, planned
+    from ceiling_dso_ros.experiments.sweep.sweep import carry_out, planned
 
     plan = _plan(options)
     _check_numbers(options)
@@ -89,7 +89,7 @@ def execute(options: argparse.Namespace) -> None:
         executor = _executor(options)
         with _Progress(runs) as progress:
             runs = carry_out(plan, runs, store, executor, options.timed, progress.ended)
-    undone = [run for run in runs if run.row is None or run.row["status"] != DONE]
+    undone = [run for run in runs if _is_undone(run)]
     report = write_report(read_study(options.out))
     print(f"{len(runs) - len(undone)} of {len(runs)} runs are done; {options.out / TABLE}, {report}")
     for run in undone:
@@ -122,7 +122,7 @@ class _Progress:
 
     def ended(self, run: "PlannedRun") -> None:
         """Count a run."""
-        done = run.row is not None and run.row["status"] == "done"
+        done = not _is_undone(run)
         self._counts["done" if done else "not done"] += 1
         if not done:
             self._bar.write(f"{run.name}: {_words(run)}: {_status(run)}", file=sys.stderr)
@@ -209,6 +209,12 @@ def _words(run: "PlannedRun") -> str:
     return " ".join(
         [run.spec.sequence, run.spec.drive, *(f"{k}={v}" for k, v in run.spec.varied.items()), f"seed={run.spec.seed}"]
     )
+
+
+def _is_undone(run: "PlannedRun") -> bool:
+    from ceiling_dso_ros.experiments.sweep.answering import DONE
+
+    return run.row is None or run.row["status"] != DONE
 
 
 def _status(run: "PlannedRun") -> str:

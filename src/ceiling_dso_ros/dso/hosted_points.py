@@ -32,6 +32,10 @@ class HostedPoints:
             np.concatenate([part.grey for part in parts]),
         )
 
+    def chosen(self, mask: np.ndarray) -> "HostedPoints":
+        """Those whose mask, (N,) bool, is True."""
+        return HostedPoints(self.keyframe_id[mask], self.position_camera[mask], self.grey[mask])
+
     def __len__(self) -> int:
         return len(self.keyframe_id)
 

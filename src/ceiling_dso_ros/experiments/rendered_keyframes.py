@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.simulation import Simulation
@@ -129,4 +130,4 @@ def _points(image: np.ndarray, idepth: np.ndarray, camera: PinholeCamera, rng: n
     kept = (steepness[v, u] > LEAST_GRADIENT) & (seen > 0.0)
     u, v, seen = u[kept], v[kept], seen[kept]
     depth = 1.0 / (seen * (1.0 + DEPTH_SIGMA * rng.standard_normal(len(seen))))
-    return np.column_stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))]) * depth[:, None]
+    return viewing_rays(camera.parameters, u, v) * depth[:, None]

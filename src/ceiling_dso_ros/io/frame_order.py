@@ -16,7 +16,8 @@ def judged(images: Iterable["ListedImage"], alone: bool) -> Iterator[Tuple["List
     """The images with what is wrong with their stamps, in words; empty where nothing is, or where there is none.
 
     An image far ahead of the one before is wrong when the next one is not: it costs itself, not all that follow. When
-    stamps go back by more than two images that changed places, the camera's clock was set.
+    stamps go back by more than two images that changed places, and the next one follows them, the camera's clock was
+    set.
 
     Args:
         images: in the order of the recording.
@@ -26,10 +27,9 @@ def judged(images: Iterable["ListedImage"], alone: bool) -> Iterator[Tuple["List
     held: Optional[ListedImage] = None
     for image in images:
         if held is not None:
-            wrong = image.stamp_ns is not None and held.stamp_ns is not None and image.stamp_ns < held.stamp_ns
-            yield held, "the stamp lies far ahead of the next one" if wrong else order.fault(held.stamp_ns)
+            yield held, order.fault(held.stamp_ns, image.stamp_ns)
             held = None
-        if order.leaps(image.stamp_ns):
+        if order.surprises(image.stamp_ns):
             held = image
         else:
             yield image, order.fault(image.stamp_ns)
@@ -46,25 +46,35 @@ class _Order:
         self._interval_ns = 0
         self._set_back_ns = 0
 
-    def leaps(self, stamp_ns: Optional[int]) -> bool:
-        """Whether a stamp is far later than the last one, or the first, so that only the next one confirms it."""
-        return stamp_ns is not None and (self._last_ns is None or stamp_ns > self._last_ns + PAUSE_NS)
+    def surprises(self, stamp_ns: Optional[int]) -> bool:
+        """Whether a stamp is the first, far ahead or far back, so that only the next one confirms it."""
+        if stamp_ns is None or self._set_back_ns:
+            return False
+        if self._last_ns is None:
+            return True
+        step_ns = stamp_ns - self._last_ns
+        return step_ns > PAUSE_NS or step_ns < -SWAPPED * self._interval_ns
 
-    def fault(self, stamp_ns: Optional[int]) -> str:
-        """What is wrong with the next stamp; empty where nothing is."""
+    def fault(self, stamp_ns: Optional[int], next_ns: Optional[int] = None) -> str:
+        """What is wrong with the next stamp, given the one after it where it is known; empty where nothing is."""
         if stamp_ns is None:
             return ""
+        if self._set_back_ns:
+            return self._set_back()
+        if next_ns is not None and next_ns < stamp_ns and (self._last_ns is None or stamp_ns > self._last_ns):
+            return "the stamp lies far ahead of the next one"
         if self._last_ns is None:
             self._last_ns = stamp_ns
             return ""
-        if self._set_back_ns:
-            back_s = self._set_back_ns / NANOSECONDS
-            return f"the clock of the images was set back by {back_s:.2f} s, that of the wheels was not"
         step_ns = stamp_ns - self._last_ns
         if step_ns > 0:
             self._last_ns, self._interval_ns = stamp_ns, min(step_ns, PAUSE_NS)
             return ""
-        if self._alone and step_ns < -SWAPPED * self._interval_ns:
+        if self._alone and next_ns is not None and stamp_ns < next_ns <= self._last_ns:
             self._set_back_ns = self._interval_ns - step_ns
-            return self.fault(stamp_ns)
+            return self._set_back()
         return f"the stamp {format_stamp(stamp_ns)} {'lies before' if step_ns else 'repeats'} that of the last frame"
+
+    def _set_back(self) -> str:
+        back_s = self._set_back_ns / NANOSECONDS
+        return f"the clock of the images was set back by {back_s:.2f} s, that of the wheels was not"

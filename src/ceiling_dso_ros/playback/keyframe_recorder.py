@@ -9,6 +9,7 @@ from ceiling_dso_ros.dso import HostedPoints, KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import Intrinsics, pixels
 from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel
@@ -72,9 +73,7 @@ class KeyframeRecorder:
         self._points = {host: parts for host, parts in self._points.items() if host in known}
         for host in np.unique(status.marginalized.keyframe_id).tolist():
             chosen = status.marginalized.keyframe_id == host
-            self._points.setdefault(host, []).append(
-                HostedPoints(*(values[chosen] for values in vars(status.marginalized).values()))
-            )
+            self._points.setdefault(host, []).append(status.marginalized.chosen(chosen))
         self._leave([keyframe for keyframe in status.keyframes if keyframe.leaves])
         self._keyframes = tuple(keyframe for keyframe in status.keyframes if not keyframe.leaves)
 
@@ -85,8 +84,7 @@ class KeyframeRecorder:
         window = {keyframe.keyframe_id: keyframe.T_world_camera for keyframe in (*self._keyframes, *leaving)}
         parts = [self._window_points, *(part for host in sorted(self._points) for part in self._points[host])]
         points = HostedPoints.concatenated(parts)
-        is_known = np.isin(points.keyframe_id, list(window))
-        points = HostedPoints(*(values[is_known] for values in vars(points).values()))
+        points = points.chosen(np.isin(points.keyframe_id, list(window)))
         positions = points.positions_world(window)
         for keyframe in leaving:
             image = self._images.get(keyframe.stamp_ns)
@@ -105,6 +103,5 @@ class KeyframeRecorder:
 def _in_view(points: np.ndarray, camera: PinholeCamera) -> np.ndarray:
     """Those of (N, 3) points that the camera sees."""
     ahead = points[points[:, 2] > 0.0]
-    u = camera.fx * ahead[:, 0] / ahead[:, 2] + camera.cx
-    v = camera.fy * ahead[:, 1] / ahead[:, 2] + camera.cy
+    u, v = pixels(Intrinsics(*camera.parameters), *(ahead[:, :2] / ahead[:, 2:]).T)
     return ahead[(u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)]

@@ -10,8 +10,7 @@ from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS
 
 CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
-SWAPPED = 1.5  # intervals between images: stamps that go back by more are of a clock that was set; two images that
-# changed places go back by one
+SWAPPED = 1.5  # intervals between images: two that changed places go back by one, a clock that was set by more
 FIRST_INTERVAL_NS, LONGEST_INTERVAL_NS = 133_000_000, 10**9
 DELAYS = 300  # of the last images that were used: ten seconds, so that some with wrong stamps do not count
 AGREEING = 3  # images in a row, until the clocks agree again: one may come early by chance

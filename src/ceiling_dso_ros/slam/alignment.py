@@ -11,9 +11,10 @@ from typing import List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.slam.alignment_kernels import UNKNOWNS, add_normal_equations, correlations, grey_of
-from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera, shrunk_intrinsics
+from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera
 
 LEVELS = 3
 WIDE_BLUR_PX = 5.0  # on each level
@@ -65,7 +66,7 @@ class Aligner:
         self._cameras: List[np.ndarray] = []
         self.sizes: List[Tuple[int, int]] = []
         for level in range(LEVELS):
-            intrinsics = shrunk_intrinsics(camera.camera, 2**level)
+            intrinsics = level_intrinsics(camera.camera.parameters, level)
             self._cameras.append(np.concatenate([T_camera_base[:3].ravel(), intrinsics]))
             self.sizes.append((camera.camera.width // 2**level, camera.camera.height // 2**level))
 

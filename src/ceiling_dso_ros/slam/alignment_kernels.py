@@ -11,6 +11,7 @@ from typing import Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
+from ceiling_dso_ros.dso.geometry.projection import intrinsics_of, to_pixel
 from ceiling_dso_ros.dso.images.interpolation import sample, sample_gradient
 
 UNKNOWNS = 5  # forward, left, turn, gain, offset
@@ -26,7 +27,8 @@ def _seen(camera: np.ndarray, x: float, y: float, z: float) -> Tuple[float, floa
     Z = camera[8] * x + camera[9] * y + camera[10] * z + camera[11]
     if Z < NEAREST_M:
         return X, Y, 0.0, -1.0, -1.0
-    return X, Y, Z, camera[12] * X / Z + camera[14], camera[13] * Y / Z + camera[15]
+    u, v = to_pixel(intrinsics_of(camera[12:]), X / Z, Y / Z)
+    return X, Y, Z, u, v
 
 
 @kernel

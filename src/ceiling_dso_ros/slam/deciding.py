@@ -96,4 +96,4 @@ def _agree(a: Tuple[np.ndarray, np.ndarray], b: Tuple[np.ndarray, np.ndarray]) -
     error = planar.between(a[0], b[0])
     if np.hypot(*error[:2]) > LARGEST_DIFFERENCE_M or abs(error[2]) > LARGEST_DIFFERENCE_RAD:
         return False
-    return float(error @ np.linalg.solve(a[1] + b[1], error)) < GATE
+    return distance(a[0], a[1] + b[1], b[0]) < GATE

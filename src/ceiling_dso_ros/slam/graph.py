@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.slam.deciding import carried, distance
 from ceiling_dso_ros.slam.site_map import Edge
 
 ANCHOR_SIGMA = 1e-4  # metres and rad: where the map begins
@@ -49,11 +50,11 @@ class PoseGraph:
         Returns:
             Why they were not added, in words; empty if they were.
         """
-        kept = _inliers(self.poses, self.edges, loops)
-        if len(kept) < len(loops):
-            return f"{len(loops) - len(kept)} of {len(loops)} loops are outliers of the graph"
         edges = [*self.edges, *loops]
         try:
+            outliers = len(loops) - len(_inliers(self.poses, self.edges, loops))
+            if outliers:
+                return f"{outliers} of {len(loops)} loops are outliers of the graph"
             poses = _solved(self.poses, edges)
         except RuntimeError as error:
             return f"the graph has no solution: {error}"
@@ -81,19 +82,13 @@ class PoseGraph:
 
 
 def _chained(before: Edge, after: Edge) -> Edge:
-    carried = planar.adjoint(planar.inverse(after.motion))
-    return Edge(
-        before.start,
-        after.end,
-        planar.compose(before.motion, after.motion),
-        carried @ before.covariance @ carried.T + after.covariance,
-        before.is_loop,
-    )
+    motion = planar.compose(before.motion, after.motion)
+    covariance = carried(before.covariance, after.motion, after.covariance)
+    return Edge(before.start, after.end, motion, covariance, before.is_loop)
 
 
 def _bend(poses: Dict[int, np.ndarray], edge: Edge) -> float:
-    error = planar.between(edge.motion, planar.between(poses[edge.start], poses[edge.end]))
-    return float(error @ np.linalg.solve(edge.covariance, error))
+    return distance(edge.motion, edge.covariance, planar.between(poses[edge.start], poses[edge.end]))
 
 
 def _values(poses: Dict[int, np.ndarray]) -> gtsam.Values:

@@ -16,7 +16,7 @@ import numpy as np
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.slam.deciding import GATE, Gate, Sighting, carried, distance
 from ceiling_dso_ros.slam.records import KeyframeRecord
-from ceiling_dso_ros.slam.site_map import SiteMap, alike_places, nearest_places
+from ceiling_dso_ros.slam.site_map import Appearance, SiteMap, nearest_places
 from ceiling_dso_ros.slam.verification import Verified, Verifier
 from ceiling_dso_ros.slam.way import Step, Way
 
@@ -92,6 +92,7 @@ class Localiser:
         self._site = site
         self._poses = site.poses
         self._records = [keyframe.record for keyframe in site.keyframes]
+        self._appearance = Appearance(self._records)
         self._verifier = Verifier(site.camera) if verifier is None else verifier
         self.way = Way()
         self._misses = 0
@@ -145,7 +146,7 @@ class Localiser:
             self.state, self.hypotheses, self._misses = Localisation.SEARCHING, [], 0
 
     def _search(self, step: Step) -> None:
-        targets = alike_places(self._records, step.record, CANDIDATES)
+        targets = self._appearance.alike(step.record, CANDIDATES)
         for hypothesis in self.hypotheses[:CANDIDATES]:
             targets += nearest_places(self._poses, hypothesis.pose, NEAR_M, 1)
         sightings = [self._compare(step, target) for target in dict.fromkeys(targets)]

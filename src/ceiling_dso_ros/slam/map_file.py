@@ -3,6 +3,7 @@
 
 import io
 import json
+import math
 import zipfile
 import zlib
 from pathlib import Path
@@ -76,7 +77,7 @@ def read_map(path: Union[str, Path]) -> SiteMap:
         raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
     except _NewerVersionError as error:
         raise InputError(f"{path}: {error}") from error
-    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, TypeError, EOFError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, TypeError, EOFError, RuntimeError) as error:
         raise InputError(f"{path}: is no map, or is damaged; build it again with `map build` ({error})") from error
 
 
@@ -155,7 +156,7 @@ def _read(archive: zipfile.ZipFile) -> SiteMap:
         raise _NewerVersionError(
             f"is a map of version {head['version']}, this package reads up to {VERSION}: update the package"
         )
-    arrays = {name: np.load(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False) for name in ARRAYS}
+    arrays = {name: _array(archive.read(f"{name}.npy")) for name in ARRAYS}
     fx, fy, cx, cy, width, height = head["camera"]
     camera = RecordCamera(
         PinholeCamera(float(fx), float(fy), float(cx), float(cy), int(width), int(height)),
@@ -163,6 +164,18 @@ def _read(archive: zipfile.ZipFile) -> SiteMap:
     )
     _check(arrays, {"H": camera.camera.height, "W": camera.camera.width})
     return SiteMap(camera, tuple(_keyframes(arrays)), tuple(_edges(arrays)))
+
+
+def _array(content: bytes) -> np.ndarray:
+    """An array, whose declared size is checked before memory is taken for it."""
+    file = io.BytesIO(content)
+    if np.lib.format.read_magic(file) != (1, 0):
+        raise ValueError("arrays of another version")
+    shape, _, kind = np.lib.format.read_array_header_1_0(file)
+    if math.prod(shape) * kind.itemsize != len(content) - file.tell():
+        raise ValueError("an array has another size than it declares")
+    file.seek(0)
+    return np.load(file, allow_pickle=False)
 
 
 def _check(arrays: Dict[str, np.ndarray], sizes: Dict[str, int]) -> None:

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.dso.geometry.projection import Intrinsics, viewing_rays
+from ceiling_dso_ros.dso.geometry.projection import pixels as pixels_of
 from ceiling_dso_ros.slam.matching_kernels import self_similar
 
 IMAGE_WIDTH_PX = 240  # largest of the kept image
@@ -145,14 +147,10 @@ class View:
 
 def shrunk(camera: PinholeCamera, factor: int) -> PinholeCamera:
     """The camera of images whose pixels are the means of factor x factor pixels."""
-    fx, fy, cx, cy = shrunk_intrinsics(camera, factor).tolist()
-    return PinholeCamera(fx, fy, cx, cy, camera.width // factor, camera.height // factor)
-
-
-def shrunk_intrinsics(camera: PinholeCamera, factor: int) -> np.ndarray:
-    """(fx, fy, cx, cy) of such images."""
-    centre = (np.array([camera.cx, camera.cy]) + 0.5) / factor - 0.5
-    return np.array([camera.fx / factor, camera.fy / factor, *centre])
+    cx, cy = (camera.cx + 0.5) / factor - 0.5, (camera.cy + 0.5) / factor - 0.5
+    return PinholeCamera(
+        camera.fx / factor, camera.fy / factor, cx, cy, camera.width // factor, camera.height // factor
+    )
 
 
 def _factor(width: int, largest: int) -> int:
@@ -178,20 +176,17 @@ def _described(image: np.ndarray, camera: PinholeCamera, points: np.ndarray) -> 
     found, descriptors = orb.detectAndCompute(image, None)
     if descriptors is None or not len(points):
         return none
-    pixels = np.array([corner.pt for corner in found])
+    pixels = np.array([corner.pt for corner in found], np.float64)
     bits = np.ascontiguousarray(descriptors).view(np.uint64).reshape(-1, 4)
     depth = _depths(pixels, camera, points)
     kept = np.isfinite(depth) & ~self_similar(bits, pixels, SELF_SIMILAR_BITS, BESIDE_PX)
-    rays = np.column_stack(
-        [(pixels[:, 0] - camera.cx) / camera.fx, (pixels[:, 1] - camera.cy) / camera.fy, np.ones(len(pixels))]
-    )
+    rays = viewing_rays(camera.parameters, *pixels.T)
     return Corners((rays * depth[:, None])[kept], bits[kept])
 
 
 def _depths(pixels: np.ndarray, camera: PinholeCamera, points: np.ndarray) -> np.ndarray:
     """Depth of (K, 2) pixels, the median of the nearest points; nan where there are none, (K,)."""
-    u = camera.fx * points[:, 0] / points[:, 2] + camera.cx
-    v = camera.fy * points[:, 1] / points[:, 2] + camera.cy
+    u, v = pixels_of(Intrinsics(*camera.parameters), *(points[:, :2] / points[:, 2:]).T)
     apart = (pixels[:, 0:1] - u) ** 2 + (pixels[:, 1:2] - v) ** 2
     count = min(DEPTH_NEIGHBOURS, len(points))
     nearest = np.argsort(apart, axis=1, kind="stable")[:, :count]

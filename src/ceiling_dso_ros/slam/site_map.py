@@ -11,6 +11,7 @@ from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera
 
 VOTE_BITS = 56
 TIE_BITS = 6
+NO_DESCRIPTORS = np.zeros((0, 4), np.uint64)
 
 
 class Edge(NamedTuple):
@@ -85,12 +86,15 @@ def nearest_places(poses: np.ndarray, pose: np.ndarray, within_m: float, count: 
     return [int(i) for i in order if apart[i] <= within_m]
 
 
-def alike_places(records: Sequence[KeyframeRecord], query: KeyframeRecord, count: int) -> List[int]:
-    """The records that most descriptors of a query vote for, the best first, at most so many."""
-    if not records:
-        return []
-    first = np.cumsum([0, *(len(record.corners.descriptor) for record in records)]).astype(np.int64)
-    among = np.concatenate([record.corners.descriptor for record in records])
-    votes = vote(query.corners.descriptor, among, first, VOTE_BITS, TIE_BITS)
-    order = np.argsort(-votes, kind="stable")[:count]
-    return [int(i) for i in order if votes[i] > 0.0]
+class Appearance:
+    """What records look like: finds those that look like another one."""
+
+    def __init__(self, records: Sequence[KeyframeRecord]) -> None:
+        self._first = np.cumsum([0, *(len(record.corners.descriptor) for record in records)]).astype(np.int64)
+        self._among = np.concatenate([NO_DESCRIPTORS, *(record.corners.descriptor for record in records)])
+
+    def alike(self, query: KeyframeRecord, count: int) -> List[int]:
+        """The records that most descriptors of a query vote for, the best first, at most so many."""
+        votes = vote(query.corners.descriptor, self._among, self._first, VOTE_BITS, TIE_BITS)
+        order = np.argsort(-votes, kind="stable")[:count]
+        return [int(i) for i in order if votes[i] > 0.0]

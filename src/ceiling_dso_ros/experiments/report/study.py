@@ -10,6 +10,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.evaluation.report import EvaluationError, TrajectoryEvaluation, evaluate_trajectory
+from ceiling_dso_ros.experiments.sweep.answering import DONE
 from ceiling_dso_ros.experiments.sweep.one_run import PAIRING_S
 from ceiling_dso_ros.experiments.sweep.plan import Plan, read_plan
 from ceiling_dso_ros.experiments.sweep.store import PLAN, REFERENCES, ROW, RUNS, TABLE
@@ -67,7 +68,7 @@ class StudyRun:
     @property
     def is_done(self) -> bool:
         """Whether it has numbers."""
-        return bool(self.row["status"] == "done")
+        return bool(self.row["status"] == DONE)
 
     def number(self, name: str) -> Optional[float]:
         """A number of the row, None if it is not known."""

@@ -9,6 +9,7 @@ from tabulate import tabulate
 
 from ceiling_dso_ros.experiments.report.statistics import change_of, spread_of
 from ceiling_dso_ros.experiments.report.study import Combination, Study, StudyRun
+from ceiling_dso_ros.experiments.sweep.answering import DONE
 from ceiling_dso_ros.experiments.sweep.rows import csv_of
 from ceiling_dso_ros.experiments.sweep.store import RUNS
 
@@ -153,7 +154,7 @@ def _failures(study: Study) -> StudyTable:
 
 
 def _why_bad(row: Mapping[str, Any]) -> str:
-    if row["status"] != "done":
+    if row["status"] != DONE:
         return str(row["status"])
     if not row["tracked"]:
         return "no pose"

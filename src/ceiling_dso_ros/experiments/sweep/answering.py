@@ -15,6 +15,7 @@ from typing import Any, Callable, Dict, Tuple
 from ceiling_dso_ros.io.errors import InputError, OutputError, one_line
 
 READY = "ready"
+DONE = "done"  # status of a run that has numbers
 LOG = "log.txt"
 PARENT_S = 1.0  # how often it is looked whether the parent is still there
 # spec, folder, timed -> the numbers of the run
@@ -56,7 +57,7 @@ def _answer(job: Dict[str, Any], work: Work) -> Dict[str, Any]:
 
 def _outcome(work: Callable[[], Dict[str, Any]]) -> Tuple[str, str, Dict[str, Any]]:
     try:
-        return "done", "", work()
+        return DONE, "", work()
     except MemoryError as error:
         return "starved", f"MemoryError: {error}", {}
     except (InputError, OutputError) as error:

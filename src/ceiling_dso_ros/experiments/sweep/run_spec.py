@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 from ceiling_dso_ros import dso, evaluation, fusion, io, playback, settings
 from ceiling_dso_ros.dso.config import OdometryConfig
 from ceiling_dso_ros.experiments.source_digest import source_digest
+from ceiling_dso_ros.experiments.sweep import conditions, disturbed_recording
 from ceiling_dso_ros.experiments.sweep.conditions import Conditions
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.io.errors import InputError, reason_of
@@ -127,7 +128,7 @@ class RunSpec:
 def code_digest() -> str:
     """Of this package's sources that a result depends on, and of the versions of the libraries."""
     libraries = " ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    sources = source_digest(dso, fusion, io, playback, settings, evaluation)
+    sources = source_digest(dso, fusion, io, playback, settings, evaluation, conditions, disturbed_recording)
     return hashlib.sha256(f"{sources} {libraries}".encode()).hexdigest()
 
 

@@ -5,13 +5,13 @@ import time
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
+from ceiling_dso_ros.experiments.sweep.answering import DONE
 from ceiling_dso_ros.experiments.sweep.executors import Ended, Executor, Job
 from ceiling_dso_ros.experiments.sweep.plan import Plan
 from ceiling_dso_ros.experiments.sweep.run_spec import RunSpec
 from ceiling_dso_ros.experiments.sweep.store import Store
 
 TABLE_S = 10.0  # how often runs.csv is written
-DONE = "done"
 
 
 @dataclass(frozen=True)
