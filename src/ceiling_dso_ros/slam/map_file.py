@@ -169,9 +169,9 @@ def _read(archive: zipfile.ZipFile) -> SiteMap:
 def _array(content: bytes) -> np.ndarray:
     """An array, whose declared size is checked before memory is taken for it."""
     file = io.BytesIO(content)
-    if np.lib.format.read_magic(file) != (1, 0):
+    if np.lib.format.read_magic(file) != (1, 0):  # type: ignore[no-untyped-call]  # numpy's have no types
         raise ValueError("arrays of another version")
-    shape, _, kind = np.lib.format.read_array_header_1_0(file)
+    shape, _, kind = np.lib.format.read_array_header_1_0(file)  # type: ignore[no-untyped-call]  # likewise
     if math.prod(shape) * kind.itemsize != len(content) - file.tell():
         raise ValueError("an array has another size than it declares")
     file.seek(0)
