@@ -74,7 +74,7 @@ def test_every_image_has_its_stamp_and_exposure(bags):
     assert len(theirs) == len(ours)
     for expected, found in zip(ours, theirs):
         assert found.stamp_ns == expected.stamp_ns
-        assert found.exposure_ms == pytest.approx(expected.exposure_ms, rel=1e-12)
+        assert found.exposure_ms == expected.exposure_ms
         np.testing.assert_array_equal(found.decode(), expected.decode())
 
 
@@ -87,13 +87,17 @@ def test_the_calibration_is_that_of_the_camera(bags):
 
 @pytest.mark.long
 def test_the_trajectory_is_that_of_the_drives_own_bag(bags, tmp_path):
-    """To the last digit, with the same calibration; that of the recording is in single precision."""
+    """To the last digit, with the same calibration; that of the recording is in single precision.
+
+    Which has no wheels: nothing is predicted.
+    """
     lens = open_recording(bags[0]).calibration.lens
     size = f"{lens.width} {lens.height}"
     camera = tmp_path / "camera.txt"
     camera.write_text(f"Pinhole {lens.fx!r} {lens.fy!r} {lens.cx!r} {lens.cy!r} 0\n{size}\nnone\n{size}\n")
     for bag in bags:
-        assert main(["run", str(bag), "--camera", str(camera), "--out", str(tmp_path / bag.stem)]) == 0
+        options = ["--camera", str(camera), "--no-prediction", "--out", str(tmp_path / bag.stem)]
+        assert main(["run", str(bag), *options]) == 0
     for name in ("camera.tum", "camera_final.tum", "keyframes.tum"):
         ours, theirs = ((tmp_path / bag.stem / name).read_text() for bag in bags)
         assert theirs == ours

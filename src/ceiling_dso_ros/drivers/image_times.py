@@ -72,7 +72,7 @@ class FrameTimes(NamedTuple):
     def exposure_ms(self) -> Optional[float]:
         """The exposure time in milliseconds; None if it is unknown or cannot be right."""
         is_known = self.exposure_us is not None and 0 < self.exposure_us <= LONGEST_EXPOSURE_US
-        return 1e-3 * self.exposure_us if is_known and self.exposure_us is not None else None
+        return self.exposure_us / 1e3 if is_known and self.exposure_us is not None else None
 
 
 def before_readout(times: FrameTimes) -> Tuple[int, StampSource]:

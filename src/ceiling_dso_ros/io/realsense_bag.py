@@ -119,7 +119,7 @@ def _number(fields: Dict[str, str], name: str) -> Optional[int]:
 
 def _exposure_ms(fields: Dict[str, str]) -> Optional[float]:
     exposure_us = _number(fields, EXPOSURE)
-    return 1e-3 * exposure_us if exposure_us and exposure_us <= 1e3 * LONGEST_MS else None
+    return exposure_us / 1e3 if exposure_us and exposure_us <= 1e3 * LONGEST_MS else None
 
 
 class _CameraClock:

@@ -18,4 +18,4 @@ def exposure_in_metadata(json_data: str) -> Optional[float]:
     exposure_us = fields.get("actual_exposure") if isinstance(fields, dict) else None
     if not isinstance(exposure_us, (int, float)) or isinstance(exposure_us, bool):
         return None
-    return 1e-3 * exposure_us if 0.0 < exposure_us <= 1e3 * LONGEST_MS else None
+    return exposure_us / 1e3 if 0.0 < exposure_us <= 1e3 * LONGEST_MS else None
