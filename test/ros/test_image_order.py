@@ -7,23 +7,34 @@ pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built works
 pytestmark = pytest.mark.ros
 
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS  # noqa: E402
-from ceiling_dso_ros.ros.image_order import AGREEING, CAMERA_AHEAD_NS, ImageOrder  # noqa: E402
+from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder  # noqa: E402
 
 NOW_NS = 1_732_800_000_123_456_789
 FRAME_NS = 33_333_333
+SECOND_NS = 10**9
 
 
 class Stream:
     """Images after wheel samples that were heard some time ago."""
 
     def __init__(self, is_simulated=False, silence_s=0.01):
-        self.complaints, self.now_s = [], 100.0
-        self.order = ImageOrder(is_simulated, lambda: self.now_s)
-        self.order.heard_wheels()
-        self.now_s += silence_s
+        self.complaints, self.now_ns = [], 100 * SECOND_NS
+        self.order = ImageOrder(is_simulated, lambda: self.now_ns)
+        self.order.heard_wheels(NOW_NS)
+        self.now_ns += round(silence_s * SECOND_NS)
 
     def image(self, stamp_ns, wheels_ns=NOW_NS):
+        self.order.heard_image(stamp_ns)
         return self.order.is_usable(stamp_ns, wheels_ns, self.complaints.append)
+
+    def drive(self, images, camera_s=0.0, wheels_s=0.0, late_s=0.0):
+        """Images, each after a wheel sample, by clocks that are wrong, the images late; yields which are used."""
+        for _ in range(images):
+            self.now_ns += FRAME_NS
+            stamp_ns = NOW_NS + self.now_ns
+            wheels_ns = stamp_ns + round(wheels_s * SECOND_NS)
+            self.order.heard_wheels(wheels_ns)
+            yield self.image(stamp_ns + round((camera_s - late_s) * SECOND_NS), wheels_ns)
 
 
 def test_images_in_order_are_used():
@@ -90,25 +101,32 @@ def test_images_that_go_on_while_the_wheels_are_silent_are_on_one_clock_with_the
     assert stream.order.apart == ""
 
 
-def test_a_camera_whose_clock_alone_is_set_back_is_not_used_until_it_is_right_again():
-    stream, second_ns = Stream(), 10**9
+@pytest.mark.parametrize("clock", ["camera_s", "wheels_s"])
+@pytest.mark.parametrize("set_s", [-3600.0, -1.0, -0.3, -0.1, 0.1, 0.3, 0.45])
+def test_a_clock_that_alone_is_set_costs_the_images_until_it_is_right_again(clock, set_s):
+    stream = Stream()
+    assert all(stream.drive(60))
+    assert not any(stream.drive(90, **{clock: set_s}))
+    assert stream.order.disagrees
+    ahead = set_s > 0.0 if clock == "camera_s" else set_s < 0.0
+    assert f"was set {'ahead' if ahead else 'back'} by {abs(set_s):.2f} s" in stream.order.apart
+    # Where stamps were ahead, those that are right are first before them.
+    assert all([*stream.drive(60)][16:])
+    assert stream.order.apart == ""
+    assert not stream.order.disagrees
+    assert not any(stream.drive(10, **{clock: set_s}))
+    stream.order.reset()
+    assert all(stream.drive(30, **{clock: set_s if abs(set_s) < 0.5 else 0.0}))
 
-    def drive(images, later_ns):
-        nonlocal count
-        for _ in range(images):
-            count += 1
-            now_ns = NOW_NS + count * FRAME_NS
-            yield stream.image(now_ns - FRAME_NS + later_ns, now_ns)
 
-    for back_ns in (-second_ns, -second_ns // 4, -second_ns // 10, -3600 * second_ns):
-        count = 0
-        assert all(drive(10, 0))
-        assert not any(drive(90, back_ns))
-        assert stream.order.camera_set_back
-        assert f"set back by {-back_ns / second_ns:.1f} s" in stream.order.apart
-        assert list(drive(10, 0)) == [False] * (AGREEING - 1) + [True] * (11 - AGREEING)
-        assert stream.order.apart == ""
-        stream.order.reset()
+@pytest.mark.parametrize("set_s", [-3600.0, -1.5, -0.3, 0.3, 1.0, 3600.0])
+def test_a_clock_that_is_set_for_all_costs_no_more_images_than_come_before_the_wheels_tell(set_s):
+    stream = Stream()
+    assert all(stream.drive(60))
+    stream.image(NOW_NS + stream.now_ns + round(set_s * SECOND_NS), NOW_NS + stream.now_ns)
+    *_, last = stream.drive(30, camera_s=set_s, wheels_s=set_s)
+    assert last
+    assert not stream.order.disagrees
 
 
 @pytest.mark.parametrize("ahead_s", [0.3, 0.45, 0.6])
@@ -116,32 +134,17 @@ def test_a_camera_whose_clock_alone_is_set_back_is_not_used_until_it_is_right_ag
 @pytest.mark.parametrize("images", [1, 60])
 def test_images_that_were_stamped_ahead_do_not_spoil_those_after_them(ahead_s, latency_s, images):
     stream = Stream()
-
-    def drive(count, ahead_s):
-        for _ in range(count):
-            stream.number += 1
-            now_ns = NOW_NS + stream.number * FRAME_NS
-            yield stream.image(now_ns + round(1e9 * (ahead_s - latency_s)), now_ns)
-
-    stream.number = 0
-    assert all(drive(100, 0.0))
-    list(drive(images, ahead_s))
-    list(drive(round(ahead_s * 1e9 / FRAME_NS) + AGREEING, 0.0))  # until stamps are later than the last one again
-    assert all(drive(20, 0.0))
-
-
-def test_a_clock_that_is_set_for_all_costs_the_images_that_come_before_the_wheels_tell():
-    stream = Stream()
-    assert stream.image(NOW_NS)
-    assert not stream.image(NOW_NS - 10**9)
-    assert stream.order.camera_set_back
-    assert [stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(1, 5)].count(True) == 5 - AGREEING
-    assert not stream.order.camera_set_back
+    assert all(stream.drive(100, late_s=latency_s))
+    assert not any(stream.drive(images, camera_s=ahead_s, late_s=latency_s))
+    assert all(stream.drive(20, late_s=latency_s))
 
 
 @pytest.mark.parametrize("late_s", [0.3, 0.9, 3.0])
 def test_images_that_come_late_in_their_order_are_used(late_s):
-    stream, late_ns = Stream(), round(late_s * 1e9)
-    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(3))
-    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS + late_ns) for k in range(3, 9))
-    assert all(stream.image(NOW_NS + k * FRAME_NS, NOW_NS + k * FRAME_NS) for k in range(9, 12))
+    stream = Stream()
+    assert all(stream.drive(60))
+    begin_ns = stream.now_ns
+    stream.now_ns += round(late_s * SECOND_NS)
+    for k in range(6):  # they come together
+        assert stream.image(NOW_NS + begin_ns + (k + 1) * FRAME_NS, NOW_NS + stream.now_ns)
+    assert all(stream.drive(60))

@@ -147,7 +147,6 @@ class FusionServer:
         start_s = time.perf_counter()
         with self._lock:
             self._wheels.heard()
-            self._order.heard_wheels()
             stamp_ns = message.header.stamp.to_nsec()
             try:
                 pose = planar_pose(message.pose.pose)
@@ -161,6 +160,7 @@ class FusionServer:
             if kind is StampKind.DOUBTED:
                 self._wheels.complain(f"the stamp {format_stamp(stamp_ns)} is {kind.value}")
                 return
+            self._order.heard_wheels(stamp_ns)
             self._use_latched_window()
             self._use_mount()
             doubt = "" if self._wheel_frame else other_body(message.child_frame_id, self._base_frame)
@@ -177,6 +177,7 @@ class FusionServer:
         start_s = time.perf_counter()
         with self._lock:
             self._images.heard()
+            self._order.heard_image(message.header.stamp.to_nsec())
             self._mount.name_frame(message.camera_frame_id)
             self._publisher.visual_frame = message.header.frame_id
             try:
@@ -189,7 +190,7 @@ class FusionServer:
             on_wheel_clock_ns = status.stamp_ns + self._camera_offset_ns
             if self._order.is_usable(on_wheel_clock_ns, self._clock.last_ns, self._images.complain):
                 self._take_in(status, message.header.stamp, start_s)
-            elif self._order.camera_set_back:
+            elif self._order.disagrees:
                 self._visual.distrust(message)
 
     def _on_keyframes(self, message: Keyframes) -> None:

@@ -8,6 +8,8 @@ from support.faults.drive import Picture
 from support.faults.live import Live
 from support.faults.outcome import Fault
 
+from ceiling_dso_ros.dso.durations import nanoseconds
+
 GROUP = "time"
 
 
@@ -30,10 +32,24 @@ def both_ways(live: Live) -> None:
         live.drive(0.7)
 
 
-def sensors_set_back(live: Live) -> None:
-    """The clock of the camera alone is a second late from now on."""
-    with live.robot.camera(lambda picture: [replace(picture, later_ns=-1_000_000_000)]):
-        live.drive(4.0)
+def camera_clock(shift_s: float) -> Callable[[Live], None]:
+    """Script that sets the clock of the camera alone, for 4 s."""
+
+    def script(live: Live) -> None:
+        with live.robot.camera(lambda picture: [replace(picture, later_ns=nanoseconds(shift_s))]):
+            live.drive(4.0)
+
+    return script
+
+
+def wheel_clock(shift_s: float) -> Callable[[Live], None]:
+    """Script that sets the clock of the wheels alone, for 4 s."""
+
+    def script(live: Live) -> None:
+        with live.robot.wheels(lambda angles: [replace(angles, later_ns=nanoseconds(shift_s))]):
+            live.drive(4.0)
+
+    return script
 
 
 def played_again(live: Live) -> None:
@@ -74,11 +90,35 @@ FAULTS: Dict[str, Fault] = {
     "back_and_forth": Fault(
         GROUP, "the machine's clock: back and forth by 1 s, five times", both_ways, shifted_clock=True
     ),
-    "camera_clock_late": Fault(
+    "camera_clock_back": Fault(
         GROUP,
         "the camera's clock alone is set back by 1 s for 4 s",
-        sensors_set_back,
+        camera_clock(-1.0),
         "camera|image",
+        1.5,
+        is_blind=True,
+    ),
+    "camera_clock_ahead": Fault(
+        GROUP,
+        "the camera's clock alone is set ahead by 0.3 s for 4 s",
+        camera_clock(0.3),
+        "clock of the images was set ahead",
+        1.5,
+        is_blind=True,
+    ),
+    "wheel_clock_back": Fault(
+        GROUP,
+        "the wheels' clock alone is set back by 0.3 s for 4 s",
+        wheel_clock(-0.3),
+        "clock of the images was set ahead",
+        1.5,
+        is_blind=True,
+    ),
+    "wheel_clock_ahead": Fault(
+        GROUP,
+        "the wheels' clock alone is set ahead by 0.3 s for 4 s",
+        wheel_clock(0.3),
+        "clock of the images was set back",
         1.5,
         is_blind=True,
     ),

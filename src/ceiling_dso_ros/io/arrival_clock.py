@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tells a clock that was set from messages that come late, by the times at which they arrive."""
+
+from collections import deque
+from statistics import median_low
+from typing import Deque, Optional
+
+TOLERANCE_NS = 50_000_000  # at 1 m/s, 5 cm; a busy computer holds messages up for as long
+LEAK = 1e-4  # s/s by which what is known of the delay is forgotten: ten times what clocks drift apart
+INTERVALS = 15  # of the last ones, whose median is the usual one
+SETTLING = 30  # messages after a step, among which some have come without delay
+FEWEST = 10  # messages, before which nothing is known of the delay
+
+
+class ArrivalClock:
+    """Follows the clock by which a stream is stamped.
+
+    No message arrives before it is sent. So stamp minus arrival has an upper limit, when nothing delays the message,
+    and that limit steps when the clock is set. Messages that are delayed stay below it, but keep their distance in
+    time. So it is a step if the limit changes and, at the same message, the interval between stamps is not the usual
+    one.
+
+    Attributes:
+        shift_ns: by how much the clock was set since it was `forget`: positive ahead, negative back.
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin with the next message."""
+        self.shift_ns = 0
+        self._intervals_ns: Deque[int] = deque(maxlen=INTERVALS)
+        self._stamp_ns: Optional[int] = None
+        self._arrival_ns = 0
+        self._limit_ns = 0.0  # of stamp minus arrival
+        self._heard = 0
+        self._settling = 0
+
+    @property
+    def is_settled(self) -> bool:
+        """The last step is known well."""
+        return self._settling == 0
+
+    def take(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Follow a message; its arrival is by a clock that is never set, nanoseconds."""
+        lead_ns = stamp_ns - arrival_ns
+        if self._stamp_ns is None:
+            self._limit_ns = lead_ns
+        else:
+            stamps_ns, arrivals_ns = stamp_ns - self._stamp_ns, arrival_ns - self._arrival_ns
+            self._limit_ns -= LEAK * max(arrivals_ns, 0)
+            self._follow(lead_ns, stamps_ns, arrivals_ns)
+            self._intervals_ns.append(stamps_ns)
+        self._stamp_ns, self._arrival_ns = stamp_ns, arrival_ns
+        self._heard += 1
+
+    def _follow(self, lead_ns: int, stamps_ns: int, arrivals_ns: int) -> None:
+        step_ns = round(lead_ns - self._limit_ns)
+        is_step = self._heard >= FEWEST and self._is_step(step_ns, stamps_ns, arrivals_ns)
+        if is_step:
+            self._settling = SETTLING
+        if is_step or step_ns > 0:
+            self.shift_ns += step_ns if self._settling else 0
+            self._limit_ns = lead_ns
+        self._settling = max(self._settling - 1, 0)
+
+    def _is_step(self, step_ns: int, stamps_ns: int, arrivals_ns: int) -> bool:
+        usual_ns = median_low(self._intervals_ns)
+        if step_ns > 0:
+            return min(step_ns, stamps_ns - max(arrivals_ns, usual_ns)) > TOLERANCE_NS
+        return max(step_ns, stamps_ns - min(arrivals_ns, usual_ns)) < -TOLERANCE_NS
+
+
+class ClockAgreement:
+    """Whether two streams that once had the same clock, or a constant offset, still have."""
+
+    def __init__(self) -> None:
+        self.images, self.wheels = ArrivalClock(), ArrivalClock()
+
+    def forget(self) -> None:
+        """Begin with the next messages, which agree."""
+        self.images.forget()
+        self.wheels.forget()
+
+    @property
+    def apart_ns(self) -> int:
+        """By how much the clock of the images was set ahead, and that of the wheels was not; 0 while they agree."""
+        apart_ns = self.images.shift_ns - self.wheels.shift_ns
+        if abs(apart_ns) > TOLERANCE_NS:
+            return apart_ns
+        if self.images.is_settled and self.wheels.is_settled:  # what is left of the steps is the delays' noise
+            self.images.shift_ns = self.wheels.shift_ns = 0
+        return 0
