@@ -98,7 +98,7 @@ class BagRecording(Recording):
                 yield ListedImage(None, None, name, raw.content)
                 continue
             stamp_ns, exposure_ms = moment_of(raw, image)
-            yield ListedImage(stamp_ns, exposure_ms, name, partial(decode, image))
+            yield ListedImage(stamp_ns, exposure_ms, name, partial(decode, image), raw.stamp_ns)
 
     def image_times(self) -> Optional[ImageTimes]:
         """See Recording; of a number of images, because all of them would take long to read."""

@@ -3,38 +3,68 @@
 
 from typing import TYPE_CHECKING, Iterable, Iterator, Optional, Tuple
 
+from ceiling_dso_ros.io.arrival_clock import ClockAgreement
 from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp
 
 if TYPE_CHECKING:
-    from ceiling_dso_ros.io.recording import ListedImage
+    from ceiling_dso_ros.io.recording import ListedImage, WheelSamples
 
 PAUSE_NS = 10**9  # a longer one is only believed once the next image follows it
 SWAPPED = 1.5  # intervals: two images that changed places go back by one
 
 
-def judged(images: Iterable["ListedImage"], alone: bool) -> Iterator[Tuple["ListedImage", str]]:
+def judged(
+    images: Iterable["ListedImage"], wheels: Optional["WheelSamples"] = None
+) -> Iterator[Tuple["ListedImage", str]]:
     """The images with what is wrong with their stamps, in words; empty where nothing is, or where there is none.
 
     An image far ahead of the one before is wrong when the next one is not: it costs itself, not all that follow. When
     stamps go back by more than two images that changed places, and the next one follows them, the camera's clock was
-    set.
+    set. Where it is known when images and wheels were recorded, clocks that were set alone are known with it, and when
+    they are right again.
 
     Args:
         images: in the order of the recording.
-        alone: the wheels' clock was not set back, so that images by a clock that was have no known time.
+        wheels: with which they are used: by a clock that alone was set, images have no known time.
     """
-    order = _Order(alone)
+    order, clocks = _Order(wheels is not None and not wheels.set_back), _Clocks(wheels)
     held: Optional[ListedImage] = None
     for image in images:
+        apart = clocks.fault(image)
         if held is not None:
-            yield held, order.fault(held.stamp_ns, image.stamp_ns)
+            yield held, order.fault(held.stamp_ns, None if apart else image.stamp_ns)
             held = None
-        if order.surprises(image.stamp_ns):
+        if apart:
+            yield image, apart
+        elif order.surprises(image.stamp_ns):
             held = image
         else:
             yield image, order.fault(image.stamp_ns)
     if held is not None:
         yield held, order.fault(held.stamp_ns)
+
+
+class _Clocks:
+    """Compares the clocks of images and wheels by when they were recorded."""
+
+    def __init__(self, wheels: Optional["WheelSamples"]) -> None:
+        self._clocks = ClockAgreement()
+        self._arrivals_ns = None if wheels is None else wheels.arrivals_ns
+        self._next = 0  # row of the wheels
+
+    def fault(self, image: "ListedImage") -> str:
+        """That the clocks disagree at an image, in words; empty where they do not, or nothing is known."""
+        if self._arrivals_ns is None or image.stamp_ns is None or image.recorded_ns is None:
+            return ""
+        while self._next < len(self._arrivals_ns) and self._arrivals_ns[self._next, 1] <= image.recorded_ns:
+            self._clocks.wheels.take(*self._arrivals_ns[self._next].tolist())
+            self._next += 1
+        self._clocks.images.take(image.stamp_ns, image.recorded_ns)
+        apart_s = self._clocks.apart_ns / NANOSECONDS
+        if not apart_s:
+            return ""
+        was_set = f"{'ahead' if apart_s > 0.0 else 'back'} by {abs(apart_s):.2f} s"
+        return f"the clock of the images was set {was_set}, that of the wheels was not"
 
 
 class _Order:

@@ -55,12 +55,14 @@ class ListedImage:
         exposure_ms: exposure time, None when unknown.
         name: names the image in messages.
         decode: gives the raw image (H, W) uint8, uint16 or float32, or raises FrameError.
+        recorded_ns: when it was recorded, nanoseconds by the recorder's clock; None where that is unknown.
     """
 
     stamp_ns: Optional[int]
     exposure_ms: Optional[float]
     name: str
     decode: Callable[[], np.ndarray]
+    recorded_ns: Optional[int] = None
 
 
 class WheelUnit(enum.Enum):
@@ -83,6 +85,8 @@ class WheelSamples:
         source: names them in messages.
         delay_ns: how long after their stamps they were recorded, in the median; None where that is unknown.
         set_back: their clock was set back while they were recorded.
+        arrivals_ns: (M, 2) int64 stamps of all messages and when they were recorded, in the order of recording; None
+            where that is unknown.
     """
 
     unit: WheelUnit
@@ -91,6 +95,7 @@ class WheelSamples:
     source: str = "the wheels"
     delay_ns: Optional[int] = None
     set_back: bool = False
+    arrivals_ns: Optional[np.ndarray] = None
 
     def __len__(self) -> int:
         """How many there are."""
@@ -252,7 +257,7 @@ class Recording(ABC):
             InputError: the recording turns out to be damaged.
         """
         limit = FrameRateLimit(frame_rate)
-        for listed, fault in judged(self.images(), alone=wheels is not None and not wheels.set_back):
+        for listed, fault in judged(self.images(), wheels):
             stamp_ns = listed.stamp_ns
             if stamp_ns is not None and not fault and not limit.passes(stamp_ns):
                 continue

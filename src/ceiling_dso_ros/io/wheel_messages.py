@@ -97,13 +97,13 @@ class _Table:
         self.unused = Counter[str]()  # reason -> messages
         self._unit, self.source = unit, source
         self._stamps_ns: List[int] = []
-        self._delays_ns: List[int] = []
+        self._recorded_ns: List[int] = []
         self._readings: List[Sequence[float]] = []
 
     def add(self, recorded_ns: int, stamp_ns: int, reading: Sequence[float]) -> None:
         """Add a sample; `samples` leaves out those whose stamps are out of order."""
         self._stamps_ns.append(stamp_ns)
-        self._delays_ns.append(recorded_ns - stamp_ns)
+        self._recorded_ns.append(recorded_ns)
         self._readings.append(reading)
 
     def samples(self, count: int, warn: Warn) -> Optional[WheelSamples]:
@@ -116,5 +116,13 @@ class _Table:
         if not kept:
             return None
         readings = np.array(self._readings, np.int64 if self._unit is WheelUnit.TICKS else np.float64)[kept]
-        stamps_ns, delay_ns = np.array(self._stamps_ns, np.int64), int(np.median(self._delays_ns))
-        return WheelSamples(self._unit, stamps_ns[kept], readings, self.source, delay_ns, was_set_back(stamps_ns))
+        stamps_ns, recorded_ns = np.array([self._stamps_ns, self._recorded_ns], np.int64)
+        return WheelSamples(
+            self._unit,
+            stamps_ns[kept],
+            readings,
+            self.source,
+            delay_ns=int(np.median(recorded_ns - stamps_ns)),
+            set_back=was_set_back(stamps_ns),
+            arrivals_ns=np.stack([stamps_ns, recorded_ns], axis=1),
+        )
