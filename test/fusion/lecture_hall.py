@@ -9,7 +9,7 @@ import numpy as np
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import WheelConfig
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
 FOLDER = DATA / "wheels_lecture_hall"

@@ -5,7 +5,7 @@ import pytest
 
 from ceiling_dso_ros.fusion import factors, planar
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion
 
 FIRST, SECOND, SCALE = KEYS = (factors.pose_key(3), factors.pose_key(4), factors.scale_key(4))
 SIZES = {FIRST: 3, SECOND: 3, SCALE: 1, factors.WHEEL_KEY: 2, factors.CAMERA_YAW_KEY: 1}

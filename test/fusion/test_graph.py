@@ -8,7 +8,7 @@ from winding_chain import BASE, NOISE, SCALE, chain, config
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig, ScaleConfig, WheelConfig
 from ceiling_dso_ros.fusion.graph import WindowGraph
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelStep
 
 
 def run(graph, intervals):

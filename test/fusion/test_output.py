@@ -6,7 +6,7 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig, WheelConfig
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.output import BlendedPose, Estimate, LiveOutput
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 NOISE = WheelNoise(WheelConfig(radius_sigma=0.01), 0.5, 1e-4)
 CONFIG = OutputConfig()

@@ -8,7 +8,7 @@ from ceiling_dso_ros.fusion import planar, prediction
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 NOISE = WheelNoise(WheelConfig(), 0.5, 1e-4)

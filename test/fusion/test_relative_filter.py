@@ -6,7 +6,7 @@ from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 NOISE = WheelNoise(WheelConfig(noise_m_per_sqrt_m=0.002), 0.5, 1e-4)
 CONSTANTS = np.diag([0.01, 0.01]) ** 2

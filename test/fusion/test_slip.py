@@ -6,7 +6,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, WheelConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 NOISE = WheelNoise(WheelConfig(), 0.5, 1e-4)
 SCALE, SIGMA = 4.0, 0.002

@@ -9,7 +9,7 @@ from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion.config import OutputConfig, WheelConfig
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.twist_filter import TwistFilter
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 NOISE = WheelNoise(WheelConfig(radius_sigma=0.01), 0.5, 1e-4)
 STEP_NS = 20_000_000

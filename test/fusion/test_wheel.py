@@ -7,7 +7,8 @@ from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.resolution import Resolution
-from ceiling_dso_ros.fusion.wheel import FINEST_RAD, WheelMotion, WheelNoise, WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel import FINEST_RAD, WheelOdometry
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 TICKS, RADIUS, BASE = 4000.0, 0.1, 0.5
 TICK_M = 2 * np.pi * RADIUS / TICKS
@@ -323,3 +324,33 @@ def test_the_way_of_a_circle_is_not_its_chord():
         )
     assert np.hypot(*wheels.total.pose[:2]) < 0.05
     assert wheels.noise.way_m(wheels.total) == pytest.approx(turn * (1.0 + BASE / 2), rel=0.01)
+
+
+@pytest.mark.parametrize("latency_s", [0.003, 0.01, 0.03])
+def test_stamps_of_a_busy_computer_cost_no_way(latency_s):
+    """Ticks are stamped when they arrive: each some time late, the next one may follow at once."""
+    wheels, random = odometry(), np.random.default_rng(0)
+    dt, speed = 0.02, 1.4
+    taken_s = dt * np.arange(2000)
+    arrived_s = np.maximum.accumulate(taken_s + random.exponential(latency_s, len(taken_s))) + 1e-6 * np.arange(2000)
+    for stamp_s, count in zip(arrived_s, np.round(speed * taken_s / TICK_M)):
+        wheels.add_ticks(nanoseconds(stamp_s), count, count)
+        assert wheels.message == ""
+    assert wheels.total.pose[0] == pytest.approx(speed * taken_s[-1], abs=2 * TICK_M)
+
+
+def test_ticks_of_a_while_that_arrive_at_once_cost_no_way():
+    wheels, speed = odometry(), 1.0
+    taken_s = 0.02 * np.arange(200)
+    held = (taken_s > 2.0) & (taken_s < 2.4)
+    arrived_s = np.where(held, 2.4 - 1e-4 * (2.4 - taken_s), taken_s)
+    for stamp_s, count in zip(arrived_s, np.round(speed * taken_s / TICK_M)):
+        wheels.add_ticks(nanoseconds(stamp_s), count, count)
+        assert wheels.message == ""
+    assert wheels.total.pose[0] == pytest.approx(speed * taken_s[-1], abs=2 * TICK_M)
+
+
+def test_a_counter_that_leaps_is_no_motion_though_stamps_jitter():
+    wheels = odometry()
+    drive(wheels, [(0, 0), (400, 400), (400 + 12_000, 400)], dt=0.1)  # 3.8 m in 0.1 s
+    assert "impossible motion" in wheels.message

@@ -6,8 +6,8 @@ from scipy.stats import chi2
 from ceiling_dso_ros.fusion.config import VisualConfig, WheelConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_bias import WANDER_WAY_M, WheelBias
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 NOISE = WheelNoise(WheelConfig(), 0.5, 1e-4)
 PRIOR = NOISE.constants_covariance(with_radius=False)[1:, 1:]

@@ -4,7 +4,7 @@ import pytest
 
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import WheelConfig
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 NOISE = WheelNoise(WheelConfig(), 0.5, 1e-4)

@@ -9,7 +9,7 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig, WheelConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 BASE, LEVER, SCALE = 0.5, np.array([0.18, 0.04, 0.62]), 4.3
 NOISE = WheelNoise(WheelConfig(), BASE, 1e-4)

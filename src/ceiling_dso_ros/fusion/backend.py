@@ -20,8 +20,8 @@ from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
 from ceiling_dso_ros.fusion.state import ScaleState
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
 from ceiling_dso_ros.fusion.wheel_bias import WheelBias
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 MOST_REFINED = 100  # keyframes in a window of the odometry

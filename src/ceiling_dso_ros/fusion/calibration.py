@@ -22,7 +22,7 @@ from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair, Wheel
 from ceiling_dso_ros.fusion.calibration_problem import MountingProblem, Solution, first_guess
 from ceiling_dso_ros.fusion.calibration_slips import WheelSlip, beside, contradicting, described, follows, slipping
 from ceiling_dso_ros.fusion.config import RobotModel
-from ceiling_dso_ros.fusion.wheel import WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 
 MIN_PAIRS = 10
 ROUNDS = 10  # of leaving slips out; two are usual

@@ -9,7 +9,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
-from ceiling_dso_ros.fusion.wheel import WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 
 PAIR_S = 0.4  # between the images of a pair
 LARGEST_OFFSET_S = 0.2

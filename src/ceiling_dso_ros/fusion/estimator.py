@@ -30,7 +30,8 @@ from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode
 from ceiling_dso_ros.fusion.state import FusedState, ScaleState
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel import WheelOdometry
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.fusion.wheel_track import HORIZON_S, WheelTrack
 
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared

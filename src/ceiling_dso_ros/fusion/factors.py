@@ -17,7 +17,7 @@ from gtsam.symbol_shorthand import C, G, L, X
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion
 
 WHEEL_KEY = C(0)  # c
 CAMERA_YAW_KEY = G(0)  # g

@@ -17,7 +17,7 @@ from ceiling_dso_ros.fusion import factors
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
 
 ANCHOR_SIGMA = 1e-5  # metres and rad: odom is where the first wheel sample was taken
 FIRST_HEIGHT_M = 4.0  # of a ceiling of unknown height, with a sigma of 1: 1.5 to 11 m

@@ -9,7 +9,7 @@ from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.contradiction import Contradiction
 from ceiling_dso_ros.fusion.state import FusionState
-from ceiling_dso_ros.fusion.wheel import WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 
 SHOWN_S = 0.5  # a slip, a jump of the scale or a restarted counter stays in the reasons for this time
 BRIEF_S = 0.25  # images without a pose for no longer than this, such as a flash, are no reason

@@ -17,7 +17,7 @@ from ceiling_dso_ros.fusion.config import OutputConfig
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
 from ceiling_dso_ros.fusion.twist_filter import TwistFilter
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.graph import GraphEstimate
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
 WOBBLE_M = 0.001  # of the base on its wheels: up and down

@@ -10,7 +10,7 @@ from filterpy.kalman import KalmanFilter
 
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 GATE = 30.0  # chi-square of three degrees of freedom: passed by all but one in a million
 

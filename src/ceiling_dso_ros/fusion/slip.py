@@ -12,7 +12,7 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
 
 MOST_REPORTS = 10_000  # that are kept: a robot that slips every minute for a week
 

@@ -11,7 +11,7 @@ from filterpy.kalman import KalmanFilter
 from ceiling_dso_ros.dso.durations import LONG_AGO_NS, nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig
-from ceiling_dso_ros.fusion.wheel import WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 ACCELERATION_LASTS_S = 0.3  # for how long a robot holds an acceleration: ramps of base drivers last some tenths
 ONSET = 2.0  # ramps begin at once: with so much more acceleration in the model, one is found within two wheel samples

@@ -1,13 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Wheel odometry of a differential drive: samples to steps, steps to motions with covariance.
-
-A step is an arc driven with constant twist between two samples, integrated exactly by `planar.expmap`. The motion over
-several steps keeps two sources of error separate: white noise of the wheels, and the constants of the robot (mean
-radius, ratio of the radii, wheel base), with the derivative of the pose by their logarithms.
-"""
+"""Wheel odometry of a differential drive: samples of its wheels, or of its own odometry, to steps."""
 
 import math
-from dataclasses import dataclass, replace
 from typing import Callable, Optional, Tuple
 
 import numpy as np
@@ -17,9 +11,11 @@ from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.resolution import Resolution
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 INT32_RANGE = 2**32
 TURN = 2.0 * math.pi
+JITTER_S = 0.05  # by which a busy computer stamps samples late, so that the next one seems to follow too soon
 STILL_RAD = 0.1  # a wheel that has turned by less in a silence has stood
 WRAPPED = 1.01 * TURN  # what angles that are wrapped at a turn do not exceed
 # Finer readings are no better: gears have play, and wheels are not round. Nor may the covariance become singular.
@@ -32,132 +28,6 @@ LARGEST = 2.0**63
 
 # Two readings and the seconds between them -> the (3,) twist, None when no robot can have moved so.
 TwistOf = Callable[[np.ndarray, np.ndarray, float], Optional[np.ndarray]]
-
-
-@dataclass(frozen=True)
-class WheelStep:
-    """Motion of the wheels between two samples.
-
-    Attributes:
-        start_ns, end_ns: stamps of the samples, nanoseconds.
-        twist: (3,) arc in the base frame at the start: forward m, left m, turn rad.
-        known: False when the samples are not usable (a counter was restarted); the twist is then a guess.
-    """
-
-    start_ns: int
-    end_ns: int
-    twist: np.ndarray
-    known: bool = True
-
-    @property
-    def duration_s(self) -> float:
-        """Seconds."""
-        return seconds(self.end_ns - self.start_ns)
-
-    @property
-    def rate(self) -> np.ndarray:
-        """(3,) m/s, m/s, rad/s."""
-        return self.twist / self.duration_s
-
-    def clip(self, start_ns: int, end_ns: int) -> Optional["WheelStep"]:
-        """The part of the step within [start_ns, end_ns]; None when nothing is."""
-        start_ns, end_ns = max(start_ns, self.start_ns), min(end_ns, self.end_ns)
-        if end_ns <= start_ns:
-            return None
-        return WheelStep(start_ns, end_ns, self.rate * seconds(end_ns - start_ns), self.known)
-
-
-@dataclass(frozen=True)
-class WheelMotion:
-    """The motion over consecutive steps.
-
-    Attributes:
-        start_ns, end_ns: nanoseconds.
-        pose: (3,) pose of the base at the end seen from the start.
-        noise: (3, 3) covariance of the pose from white noise.
-        jacobian: (3, 3) derivative of the pose by (ln mean radius, ln ratio right/left, ln wheel base).
-    """
-
-    start_ns: int
-    end_ns: int
-    pose: np.ndarray
-    noise: np.ndarray
-    jacobian: np.ndarray
-
-    @staticmethod
-    def nothing(stamp_ns: int) -> "WheelMotion":
-        """No motion yet."""
-        return WheelMotion(stamp_ns, stamp_ns, np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
-
-
-@dataclass
-class WheelNoise:
-    """The error model of one robot's wheels.
-
-    Attributes:
-        config: its settings.
-        wheel_base_m: distance of the wheels.
-        resolution_m: of a wheel's readings, on the floor: that of the ticks, or as it is found from other readings.
-    """
-
-    config: WheelConfig
-    wheel_base_m: float
-    resolution_m: float
-
-    def white(self, step: WheelStep) -> np.ndarray:
-        """(3, 3) covariance of the twist: the error of each wheel's distance is noise_m_per_sqrt_m sqrt(distance)."""
-        forward, left, turn = step.twist
-        half_base = 0.5 * self.wheel_base_m
-        k2 = self.config.noise_m_per_sqrt_m**2
-        var_left, var_right = k2 * abs(forward - half_base * turn), k2 * abs(forward + half_base * turn)
-        var_forward = 0.25 * (var_left + var_right)
-        covariance = np.diag([var_forward, 0.25 * var_forward + k2 * abs(left), var_forward / half_base**2])
-        covariance[0, 2] = covariance[2, 0] = 0.25 * (var_right - var_left) / half_base
-        if not step.known:  # any speed a robot may have, changing about every second
-            sigma_m = self.config.max_speed_m_s / 3.0 * math.sqrt(step.duration_s)
-            covariance += np.diag([sigma_m, 0.1 * sigma_m, sigma_m / half_base]) ** 2
-        return covariance
-
-    def sensitivity(self, twist: np.ndarray) -> np.ndarray:
-        """(3, 3) derivative of the twist by (ln mean radius, ln ratio, ln wheel base)."""
-        forward, left, turn = twist
-        base = self.wheel_base_m
-        return np.array([[forward, 0.25 * base * turn, 0.0], [left, 0.0, 0.0], [turn, forward / base, -turn]])
-
-    def corrected(self, step: WheelStep, constants: np.ndarray) -> WheelStep:
-        """The step by wheels with (2,) logarithms of ratio and base relative to nominal."""
-        return replace(step, twist=step.twist + self.sensitivity(step.twist)[:, 1:] @ constants)
-
-    def extend(self, motion: WheelMotion, step: WheelStep) -> WheelMotion:
-        """The motion with one more step."""
-        back = planar.adjoint(planar.expmap(-step.twist))
-        J = planar.right_jacobian(step.twist)
-        return WheelMotion(
-            motion.start_ns,
-            step.end_ns,
-            planar.compose(motion.pose, planar.expmap(step.twist)),
-            back @ motion.noise @ back.T + J @ self.white(step) @ J.T,
-            back @ motion.jacobian + J @ self.sensitivity(step.twist),
-        )
-
-    def way_m(self, motion: WheelMotion) -> float:
-        """Distance that the wheels rolled, for driving and turning separately, minus the distance rolled back."""
-        return self.wheel_base_m * (abs(motion.jacobian[2, 1]) + 0.5 * abs(motion.jacobian[2, 2]))
-
-    def constants_covariance(self, with_radius: bool) -> np.ndarray:
-        """(3, 3) prior of (ln mean radius, ln ratio, ln wheel base); the radius taken as exact without with_radius."""
-        config = self.config
-        return np.diag([config.radius_sigma if with_radius else 0.0, config.ratio_sigma, config.base_sigma]) ** 2
-
-    @property
-    def resolution(self) -> np.ndarray:
-        """(3, 3) covariance of a motion from the resolution of the readings at its two ends."""
-        tick = self.resolution_m / math.sqrt(6.0)
-        return np.diag([tick, tick, 2.0 * tick / self.wheel_base_m]) ** 2
-
-    def covariance(self, motion: WheelMotion, constants: np.ndarray) -> np.ndarray:
-        """(3, 3) covariance of a motion's pose, given the (3, 3) covariance of the constants."""
-        return motion.noise + motion.jacobian @ constants @ motion.jacobian.T + self.resolution
 
 
 class WheelOdometry:
@@ -186,6 +56,8 @@ class WheelOdometry:
         self.dropped = 0
         self._last: Optional[Tuple[int, np.ndarray]] = None
         self._rate = np.zeros(3)
+        self._jitter_s = JITTER_S
+        self._spare_s = 0.0  # of the last intervals, in which the wheels could have moved further than they did
 
     @property
     def heard(self) -> bool:
@@ -216,6 +88,7 @@ class WheelOdometry:
             The step since the last sample; None for the first sample and for one that is not used.
         """
         self.noise.resolution_m = self._tick_m
+        self._jitter_s = self._config.silence_s  # they are stamped when they arrive, and several may come at once
         return self._add(stamp_ns, np.array([left, right], dtype=float), self._twist_of_ticks)
 
     def add_angles(self, stamp_ns: int, left_rad: float, right_rad: float) -> Optional[WheelStep]:
@@ -248,13 +121,23 @@ class WheelOdometry:
         twist = twist_of(last_reading, reading, dt)
         known = twist is not None
         if twist is not None:
-            self._rate = twist / dt
+            self._rate = twist / max(dt, self._needed_s(twist))
+            self._spare_s = min(max(self._spare_s + dt - self._needed_s(twist), 0.0), self._jitter_s)
         else:  # the best guess is that the robot kept its velocity for a short time
-            twist = self._rate * min(dt, self._config.silence_s)
+            twist, self._spare_s = self._rate * min(dt, self._config.silence_s), 0.0
             self.message = f"wheels: impossible motion before {_text(stamp_ns)}, counters restarted?"
         step = WheelStep(last_ns, stamp_ns, twist, known)
         self._total = self.noise.extend(self.total, step)
         return step
+
+    def _needed_s(self, twist: np.ndarray) -> float:
+        """Seconds for a motion at full speed of the faster wheel."""
+        forward, left, turn = twist
+        return (math.hypot(forward, left) + 0.5 * self._robot.wheel_base_m * abs(turn)) / self._config.max_speed_m_s
+
+    def _is_possible(self, twist: np.ndarray, dt: float) -> bool:
+        """Whether a robot can have moved so; over single intervals stamps that jitter would seem too fast."""
+        return self._needed_s(twist) <= self._spare_s + dt
 
     def _drop(self, message: str) -> None:
         self.message = message
@@ -289,16 +172,14 @@ class WheelOdometry:
 
     def _twist_of_turns(self, turns_rad: np.ndarray, dt: float) -> Optional[np.ndarray]:
         left, right = self._signs * turns_rad * self._robot.wheel_radius_m
-        if max(abs(left), abs(right)) > self._config.max_speed_m_s * dt:
-            return None
-        return np.array([0.5 * (left + right), 0.0, (right - left) / self._robot.wheel_base_m])
+        twist = np.array([0.5 * (left + right), 0.0, (right - left) / self._robot.wheel_base_m])
+        return twist if self._is_possible(twist, dt) else None
 
     def _twist_of_poses(self, before: np.ndarray, after: np.ndarray, dt: float) -> Optional[np.ndarray]:
         if _begins_anew(np.hypot(*before[:2]), np.hypot(*after[:2]), FAR_M):
             return None
         twist = planar.logmap(planar.between(before, after))
-        fastest = np.hypot(twist[0], twist[1]) + 0.5 * self._robot.wheel_base_m * abs(twist[2])
-        if fastest > self._config.max_speed_m_s * dt:
+        if not self._is_possible(twist, dt):
             return None
         self._forward_steps.add(twist[:1], dt)
         return twist

@@ -17,7 +17,7 @@ from filterpy.kalman import KalmanFilter
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import Interval
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
 
 WANDER_WAY_M = 100.0  # correlation distance of c, driven by the wheels
 

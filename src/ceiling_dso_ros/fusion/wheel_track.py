@@ -7,7 +7,7 @@ from typing import Deque, List, Optional, Sequence
 import numpy as np
 
 from ceiling_dso_ros.dso.durations import nanoseconds
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelNoise, WheelStep
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise, WheelStep
 
 HORIZON_S = 10.0
 

@@ -5,7 +5,8 @@ from typing import Callable, Dict, Iterator, Optional
 
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState
-from ceiling_dso_ros.fusion.wheel import WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel import WheelOdometry
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.io.recording import WheelSamples, WheelUnit
 from ceiling_dso_ros.io.stamps import LATEST_NS
 from ceiling_dso_ros.io.warning_log import ignore_warning

@@ -12,7 +12,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 
-from ceiling_dso_ros.fusion.wheel import WheelMotion, WheelOdometry, WheelStep
+from ceiling_dso_ros.fusion.wheel import WheelOdometry
+from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelStep
 from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.tick_pairs import TickPairs
