@@ -2,8 +2,8 @@
 """Motions of a differential drive with covariance: a step is an arc driven with constant twist between two samples.
 
 It is integrated exactly by `planar.expmap`. The motion over several steps keeps two sources of error separate: white
-noise of the wheels, and the constants of the robot (mean radius, ratio of the radii, wheel base), with the derivative of
-the pose by their logarithms.
+noise of the wheels, and the constants of the robot (mean radius, ratio of the radii, wheel base), with the derivative
+of the pose by their logarithms.
 """
 
 import math
