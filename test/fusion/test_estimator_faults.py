@@ -54,24 +54,48 @@ def test_images_without_wheels_do_not_pile_up(loops):
     assert np.isfinite(state.pose).all()
 
 
-def frozen(drive, after_s):
-    """From some time on the camera shows the same picture, with noise; returns when, nanoseconds, and its images."""
+def frozen(drive, after_s, keyframe_every=0):
+    """From some time on the camera shows the same picture, with noise; returns when, nanoseconds, and its images.
+
+    Args:
+        keyframe_every: images to the next keyframe, as when the light changes; 0 for none.
+    """
     begin_ns, rng = int(drive.stamps[0]) + nanoseconds(after_s), np.random.default_rng(0)
     seen = [status for status in drive.statuses if status.stamp_ns < begin_ns]
     last = next(status for status in reversed(seen) if status.T_keyframe_camera is not None)
-    for status in drive.statuses[len(seen) :]:
-        T = last.T_keyframe_camera.copy()
-        T[:3, 3] += 5e-5 * rng.normal(size=3)
+    window = next(status.keyframes for status in reversed(seen) if status.keyframes)
+    T_world_keyframe = next(each.T_world_camera for each in window if each.keyframe_id == last.keyframe_id)
+    T_world_camera = T_world_keyframe @ last.T_keyframe_camera
+    for number, status in enumerate(drive.statuses[len(seen) :], start=1):
+        is_keyframe, T_shaken = keyframe_every > 0 and number % keyframe_every == 0, T_world_camera.copy()
+        T_shaken[:3, 3] += 5e-5 * rng.normal(size=3)
+        if is_keyframe:
+            newest = dataclasses.replace(
+                window[-1], keyframe_id=window[-1].keyframe_id + 1, stamp_ns=status.stamp_ns, T_world_camera=T_shaken
+            )
+            window = (*window[-6:], newest)
+        T_keyframe_camera = np.linalg.inv(window[-1].T_world_camera) @ T_shaken
         seen.append(
-            dataclasses.replace(last, stamp_ns=status.stamp_ns, T_keyframe_camera=T, is_keyframe=False, keyframes=())
+            dataclasses.replace(
+                last,
+                stamp_ns=status.stamp_ns,
+                keyframe_id=window[-1].keyframe_id,
+                T_keyframe_camera=T_keyframe_camera,
+                is_keyframe=is_keyframe,
+                keyframes=window if is_keyframe else (),
+            )
         )
     return begin_ns, dataclasses.replace(drive, statuses=seen)
 
 
+@pytest.mark.parametrize("keyframe_every", [0, 5, 40])
 @pytest.mark.parametrize("sequence", ["loops", "straight"])
-def test_a_camera_that_shows_the_same_picture_does_not_stop_the_pose(simulate, truth, fuse, sequence):
-    """With noise it cannot be told from a robot that stands with turning wheels, but not for long."""
-    begin_ns, drive = frozen(simulate(sequence, 30.0, 2, truth()), 15.0)
+def test_a_camera_that_shows_the_same_picture_does_not_stop_the_pose(simulate, truth, fuse, sequence, keyframe_every):
+    """With noise it cannot be told from a robot that stands with turning wheels, but not for long.
+
+    Also if it makes keyframes, as when the robot carries what it sees, and drives from lamp to lamp.
+    """
+    begin_ns, drive = frozen(simulate(sequence, 30.0, 2, truth()), 15.0, keyframe_every)
     fused = fuse(drive)
     later = [state for state in fused.states if state.stamp_ns > begin_ns + nanoseconds(0.5)]
     assert all(state.state is FusionState.DEGRADED for state in later)

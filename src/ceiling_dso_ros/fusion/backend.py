@@ -88,7 +88,12 @@ class KeyframeBackend:
         return new
 
     def add(
-        self, keyframe: KeyframeEstimate, stamp_ns: int, track: WheelTrack, covariance: Optional[np.ndarray] = None
+        self,
+        keyframe: KeyframeEstimate,
+        stamp_ns: int,
+        track: WheelTrack,
+        covariance: Optional[np.ndarray] = None,
+        use_camera: bool = True,
     ) -> Optional[GraphEstimate]:
         """Make a new keyframe a node.
 
@@ -97,6 +102,7 @@ class KeyframeBackend:
             stamp_ns: of its image, on the wheels' clock.
             track: the wheel steps; they reach beyond the stamp.
             covariance: (6, 6) of the image's pose as it was tracked, as in OdometryStatus; None where it is unknown.
+            use_camera: False where its motion since the last keyframe is doubted.
 
         Returns:
             The graph's estimate at the new node; None if the wheels' motion up to it is no longer stored, so that it
@@ -105,15 +111,31 @@ class KeyframeBackend:
         wheels = track.since_mark(stamp_ns)
         if wheels is None:
             return None
-        visual = self._motion_to(keyframe, covariance)
-        interval = self._judged(
-            Interval(self._graph.newest + 1, stamp_ns, wheels, visual, self._chain.continues(keyframe))
-        )
+        visual, end = self._motion_to(keyframe, covariance), self._graph.newest + 1
+        if not use_camera:
+            visual = None
+            self._refused.append(end)
+        interval = self._judged(Interval(end, stamp_ns, wheels, visual, self._chain.continues(keyframe)))
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
         self._mend_jump(interval)
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
+        return self.estimate
+
+    def doubt_camera(self, since_ns: int) -> Optional[GraphEstimate]:
+        """Withdraw the camera's motions to the keyframes since then, and the slips that they told.
+
+        Returns:
+            The graph's estimate without them; None before the first keyframe.
+        """
+        doubted = [interval.end for interval in self._graph.intervals if interval.stamp_ns > since_ns]
+        for end in doubted:
+            self._graph.revise(end, visual=None, wheels_slip=False)
+        self._refused.extend(doubted)
+        if self.estimate is not None and doubted:
+            self.monitor.forget(since_ns)
+            self.estimate = self._estimate()
         return self.estimate
 
     def begin(self, status: OdometryStatus, stamp_ns: int, track: WheelTrack) -> None:

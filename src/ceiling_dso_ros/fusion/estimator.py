@@ -263,8 +263,8 @@ class FusionEstimator:
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
         covariance = next((C for image_ns, C in self._covariances if image_ns == keyframe.stamp_ns), None)
-        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance)
-        self._contradiction.new_keyframe(stamp_ns)
+        believed = not self._contradiction.camera_doubted
+        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance, use_camera=believed)
         if estimate is not None and self._backend.scale_was_known:
             self._restart(output, estimate, self._track.end_ns)
 
@@ -295,18 +295,20 @@ class FusionEstimator:
         seen, contradiction = self._motion_since(self._frames[-1], status), self._contradiction
         if seen is None:
             return
-        was_doubted = contradiction.camera_doubted
+        was_doubted, motion = contradiction.camera_doubted, seen.visual.base_motion(self.scale.value)
         if self._contradicts(seen):
-            contradiction.found(seen.start_ns, seen.end_ns, at_once=True)
+            contradiction.found(seen.start_ns, seen.end_ns, motion, at_once=True)
             output.withdraw_wheel_twist(seen.start_ns)
         elif self._contradicts(self._motion_since(self._frame_before(status), status)):
-            contradiction.found(seen.start_ns, seen.end_ns, at_once=False)
+            contradiction.found(seen.start_ns, seen.end_ns, motion, at_once=False)
         else:
-            contradiction.not_found()
+            contradiction.not_found(seen.end_ns, motion)
         if not contradiction.camera_doubted:
             self._correct_twist(output, seen)
-        elif not was_doubted and contradiction.since_ns is not None and self._backend.estimate is not None:
-            self._restart(output, self._backend.estimate, contradiction.since_ns)
+        elif not was_doubted and contradiction.since_ns is not None:
+            estimate = self._backend.doubt_camera(contradiction.since_ns)
+            if estimate is not None:
+                self._restart(output, estimate, contradiction.since_ns)
 
     def _frame_before(self, status: OdometryStatus) -> OdometryStatus:
         """The oldest image that is not further back than the long baseline."""
