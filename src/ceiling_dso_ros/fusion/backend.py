@@ -46,7 +46,8 @@ class KeyframeBackend:
         self._graph = WindowGraph(config, noise, keep_history)
         self._chain = KeyframeChain()
         self._bias = WheelBias(noise, config.visual)
-        self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes whose motion contradicted the wheels
+        self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes to which the camera's motion is not used
+        self._in_doubt: List[Interval] = []  # of the newest segment, as the camera tells: they contradict the wheels
         self.monitor = SlipMonitor(config, noise)
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
@@ -121,6 +122,8 @@ class KeyframeBackend:
         self._mend_jump(interval)
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
+        if self._in_doubt and self.scale_known:
+            self._resolve_doubt()
         return self.estimate
 
     def doubt_camera(self, since_ns: int) -> Optional[GraphEstimate]:
@@ -229,17 +232,40 @@ class KeyframeBackend:
         """The interval with the result of the slip test.
 
         A map that was begun in place of a lost one may be wrong, as that of a cover or of a few lamps. Until its scale
-        is known, it has not agreed with the wheels for long enough: if it contradicts them, it is not used.
+        is known, it has not agreed with the wheels for long enough: if it contradicts them, it is not used. As it may
+        be right all the same, and the wheels slip or are stuck, their noise covers what it tells.
         """
+        if not interval.continues:
+            self._in_doubt = []
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
         found = self.monitor.compare(interval.wheels, interval.visual, scale, self.estimate.scale_sigma)
         known = self.scale_known and interval.continues
         if self.scale_was_known and not known and self.monitor.beyond_gate(found, scale_known=False):
-            self._refused.append(interval.end)
-            return replace(interval, visual=None, continues=False)
+            return self._refuse(interval, interval.visual.base_motion(scale))
         return replace(interval, wheels_slip=self.monitor.slips(interval, found, known))
+
+    def _refuse(self, interval: Interval, seen: np.ndarray) -> Interval:
+        """The interval by the wheels alone, with the difference from the camera's (3,) motion as their error.
+
+        Over several intervals the difference is the same, so that the errors add up, and not their variances.
+        """
+        self._in_doubt.append(interval)
+        self._refused.append(interval.end)
+        difference = seen - interval.wheels.pose
+        difference[2] = planar.wrap(difference[2])
+        doubt = math.sqrt(2 * len(self._in_doubt) - 1) * difference
+        return replace(interval, visual=None, continues=False, wheels_slip=True, doubt=doubt)
+
+    def _resolve_doubt(self) -> None:
+        """The map has come to agree with the wheels, and is the same as before: the wheels slipped, or were stuck."""
+        for interval in self._in_doubt:
+            as_seen = {"visual": interval.visual, "continues": interval.continues}
+            self._graph.revise(interval.end, wheels_slip=True, doubt=None, **as_seen)
+            self.monitor.report(interval)
+        self._in_doubt = []
+        self.estimate = self._estimate()
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
         """An interval without camera: the wheels' motion, corrected by `WheelBias`."""

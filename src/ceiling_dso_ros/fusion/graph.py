@@ -40,7 +40,8 @@ class Interval:
         wheels: motion of the wheels.
         visual: motion of the camera; None when there is none, or none that can be used.
         continues: the scale of the end follows from that of the start: same segment, no jump.
-        wheels_slip: the wheels contradict the camera, so their noise is increased.
+        wheels_slip: the wheels contradict the camera, so their noise is increased, also where it is not used.
+        doubt: (3,) standard deviations of the wheels' motion beyond that; None where there are none.
     """
 
     end: int
@@ -49,6 +50,7 @@ class Interval:
     visual: Optional[VisualMotion] = None
     continues: bool = False
     wheels_slip: bool = False
+    doubt: Optional[np.ndarray] = None
 
 
 @dataclass(frozen=True)
@@ -167,6 +169,8 @@ class FactorBuilder:
             forward, left, turn = interval.wheels.pose
             reach = 3.0 * (math.hypot(forward, left) + 0.5 * self._noise.wheel_base_m * abs(turn)) + 0.05
             covariance = covariance + np.diag([reach, reach, 2.0 * reach / self._noise.wheel_base_m]) ** 2
+        if interval.doubt is not None:
+            covariance = covariance + np.diag(interval.doubt) ** 2
         return covariance
 
 

@@ -87,7 +87,7 @@ class SlipMonitor:
             self._recent.append((interval.end, found))
         slipping = self.beyond_gate(found, scale_known)
         if slipping:
-            self._report(interval.wheels.start_ns, interval.wheels.end_ns)
+            self.report(interval)
         return slipping
 
     def scale_jump(self) -> Optional[int]:
@@ -116,7 +116,9 @@ class SlipMonitor:
         kept = [report for report in self.reports if report.start_ns < start_ns]
         self.reports = [SlipReport(report.start_ns, min(report.end_ns, start_ns)) for report in kept]
 
-    def _report(self, start_ns: int, end_ns: int) -> None:
+    def report(self, interval: Interval) -> None:
+        """Take note that the wheels slipped between two keyframes."""
+        start_ns, end_ns = interval.wheels.start_ns, interval.wheels.end_ns
         if self.reports and seconds(start_ns - self.reports[-1].end_ns) <= self._config.slip.report_gap_s:
             self.reports[-1] = SlipReport(self.reports[-1].start_ns, end_ns)
         else:

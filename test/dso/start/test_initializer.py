@@ -7,6 +7,7 @@ from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso.config import InitializationConfig
 from ceiling_dso_ros.dso.geometry import se3
+from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.start import initializer as initialization
@@ -61,9 +62,9 @@ class Session:
         slot = self.pool.build(self.surface.render(np.eye(4) if T is None else T, affine=affine))
         self.initializer.start(slot, PixelSelector(self.pool))
 
-    def add(self, T, affine=(0.0, 0.0), exposure=1.0):
+    def add(self, T, affine=(0.0, 0.0), exposure=1.0, prediction=None):
         slot = self.pool.build(self.surface.render(T, affine=affine, exposure=exposure))
-        result = self.initializer.add(slot, exposure)
+        result = self.initializer.add(slot, exposure, prediction)
         self.pool.release(slot)
         return result
 
@@ -107,6 +108,17 @@ def test_brightness_is_found():
     first_map, _ = fly([0.01, 0.004, 0.0, 0.0, 0.0, 0.0], affine=(0.08, -4.0), exposure=1.1)
     ours = np.exp(first_map.log_gain) * 120 + first_map.offset
     assert ours == pytest.approx(1.1 * np.exp(0.08) * 120 - 4.0, abs=1.0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_wheels_that_are_stuck_do_not_keep_the_camera_from_its_map():
+    """They predict that the camera stands."""
+    first_map, T = fly(
+        [0.01, 0.004, 0.0, 0.0, 0.0, 0.0], prediction=CameraMotion(np.eye(4), 1e-6 * np.eye(6), metric=True)
+    )
+    assert first_map is not None
+    found = first_map.T_frame_first[:3, 3]
+    assert found @ T[:3, 3] > 0.99 * np.linalg.norm(found) * np.linalg.norm(T[:3, 3])
 
 
 def test_few_images_a_second_need_few_frames():

@@ -57,6 +57,11 @@ class InitializerLevel:
     target: np.ndarray
 
 
+def _is_a_way(prediction: CameraMotion) -> bool:
+    """Whether a predicted translation is more than its own uncertainty."""
+    return bool(np.sum(prediction.T_start_end[:3, 3] ** 2) > np.trace(prediction.covariance[:3, :3]))
+
+
 def dual_motion(T_frame_first: np.ndarray, plane: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
     """The second motion and plane that give the same homography R + t n^T, to first order in the rotation.
 
@@ -137,6 +142,8 @@ class Initializer:
             self.rmse = np.inf
             return None
         self._expected_light = np.array([np.log(exposure_ratio), 0.0])
+        if self._snapped and prediction is not None and not _is_a_way(prediction):
+            prediction = None  # the camera has moved, and who predicts has not noticed: a wheel that is stuck
         expected = self._expected_motion(prediction)
         self._T_before, last_rmse = self._T, self.rmse
         if self._snapped:
