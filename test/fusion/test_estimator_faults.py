@@ -312,10 +312,11 @@ def test_images_that_say_how_badly_they_see_count_for_less(loops, fuse):
     assert rms_m(told=True) < 0.5 * rms_m(told=False)
 
 
-def test_wheels_that_are_stuck_after_a_loss_are_not_believed_against_a_new_map(simulate, truth, fuse):
+@pytest.mark.parametrize(("losses", "begin_s", "end_s"), [(((8.0, 9.0),), 9.0, 11.0), ((), 0.5, 3.0)])
+def test_wheels_that_are_stuck_are_not_believed_against_a_new_map(simulate, truth, fuse, losses, begin_s, end_s):
     """Until its scale is known, either may be wrong: the covariance must say so."""
-    drive = simulate("loops", 26.0, 3, truth(losses=((8.0, 9.0),)))
-    begin_ns, end_ns = (int(drive.stamps[0]) + nanoseconds(at_s) for at_s in (9.0, 11.0))
+    drive = simulate("loops", 26.0, 3, truth(losses=losses))
+    begin_ns, end_ns = (int(drive.stamps[0]) + nanoseconds(at_s) for at_s in (begin_s, end_s))
     held = next(sample for sample in drive.ticks if sample[0] >= begin_ns)
     after = next(sample for sample in drive.ticks if sample[0] >= end_ns)
     missing = [after[side] - held[side] for side in (1, 2)]

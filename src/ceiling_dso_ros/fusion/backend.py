@@ -36,6 +36,7 @@ class KeyframeBackend:
         scale_was_known: it has been known at any time.
         jump_ns: when the last jump of the visual scale was noticed, nanoseconds on the wheels' clock.
         off_floor: the newest camera motion is not possible on a floor and was not used.
+        wheels_slip: the wheels contradict the camera up to the newest keyframe.
         monitor: the slips.
     """
 
@@ -54,6 +55,7 @@ class KeyframeBackend:
         self.scale_was_known = False
         self.jump_ns = LONG_AGO_NS
         self.off_floor = False
+        self.wheels_slip = False
 
     @property
     def segment(self) -> int:
@@ -120,18 +122,15 @@ class KeyframeBackend:
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
         self._mend_jump(interval)
+        self.wheels_slip = interval.wheels_slip
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
         if self._in_doubt and self.scale_known:
             self._resolve_doubt()
         return self.estimate
 
-    def doubt_camera(self, since_ns: int) -> Optional[GraphEstimate]:
-        """Withdraw the camera's motions to the keyframes since then, and the slips that they told.
-
-        Returns:
-            The graph's estimate without them; None before the first keyframe.
-        """
+    def doubt_camera(self, since_ns: int) -> None:
+        """Withdraw the camera's motions to the keyframes since then, and the slips that they told."""
         doubted = [interval.end for interval in self._graph.intervals if interval.stamp_ns > since_ns]
         for end in doubted:
             self._graph.revise(end, visual=None, wheels_slip=False)
@@ -139,7 +138,6 @@ class KeyframeBackend:
         if self.estimate is not None and doubted:
             self.monitor.forget(since_ns)
             self.estimate = self._estimate()
-        return self.estimate
 
     def begin(self, status: OdometryStatus, stamp_ns: int, track: WheelTrack) -> None:
         """Make a tracked image the first node, if its keyframe is older than the first wheel sample.
@@ -243,18 +241,19 @@ class KeyframeBackend:
         found = self.monitor.compare(interval.wheels, interval.visual, scale, self.estimate.scale_sigma)
         known = self.scale_known and interval.continues
         if self.scale_was_known and not known and self.monitor.beyond_gate(found, scale_known=False):
-            return self._refuse(interval, interval.visual.base_motion(scale))
-        return replace(interval, wheels_slip=self.monitor.slips(interval, found, known))
+            return self._refuse(interval, _difference(interval.wheels, interval.visual, scale))
+        slips = self.monitor.slips(interval, found, known)
+        if slips:
+            self._suspect_before(interval)
+        return replace(interval, wheels_slip=slips)
 
-    def _refuse(self, interval: Interval, seen: np.ndarray) -> Interval:
-        """The interval by the wheels alone, with the difference from the camera's (3,) motion as their error.
+    def _refuse(self, interval: Interval, difference: np.ndarray) -> Interval:
+        """The interval by the wheels alone, with the (3,) difference from the camera's motion as their error.
 
         Over several intervals the difference is the same, so that the errors add up, and not their variances.
         """
         self._in_doubt.append(interval)
         self._refused.append(interval.end)
-        difference = seen - interval.wheels.pose
-        difference[2] = planar.wrap(difference[2])
         doubt = math.sqrt(2 * len(self._in_doubt) - 1) * difference
         return replace(interval, visual=None, continues=False, wheels_slip=True, doubt=doubt)
 
@@ -264,8 +263,18 @@ class KeyframeBackend:
             as_seen = {"visual": interval.visual, "continues": interval.continues}
             self._graph.revise(interval.end, wheels_slip=True, doubt=None, **as_seen)
             self.monitor.report(interval)
+        self._suspect_before(self._in_doubt[0])
         self._in_doubt = []
         self.estimate = self._estimate()
+
+    def _suspect_before(self, slipping: Interval) -> None:
+        """Where wheels slipped when the camera saw again, they may have done so before, while it was blind."""
+        blind = next((each for each in self._graph.intervals if each.end == slipping.end - 1), None)
+        if blind is None or blind.visual is not None or slipping.visual is None or self.estimate is None:
+            return
+        difference = _difference(slipping.wheels, slipping.visual, math.exp(self.estimate.log_scale))
+        doubt = difference * blind.wheels.duration_s / slipping.wheels.duration_s
+        self._graph.revise(blind.end, wheels_slip=True, doubt=doubt)
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
         """An interval without camera: the wheels' motion, corrected by `WheelBias`."""
@@ -296,3 +305,9 @@ class KeyframeBackend:
         config = self._config.scale
         self.scale_known = sigma < config.converged_sigma or (self.scale_known and sigma < config.lost_sigma)
         self.scale_was_known |= self.scale_known
+
+
+def _difference(wheels: WheelMotion, visual: VisualMotion, scale: float) -> np.ndarray:
+    """(3,) motion by the camera minus that by the wheels, metres per unit given."""
+    seen = visual.base_motion(scale)
+    return np.array([*(seen[:2] - wheels.pose[:2]), planar.wrap(seen[2] - wheels.pose[2])])

@@ -263,9 +263,9 @@ class FusionEstimator:
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
         covariance = next((C for image_ns, C in self._covariances if image_ns == keyframe.stamp_ns), None)
-        believed = not self._contradiction.camera_doubted
-        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance, use_camera=believed)
-        if estimate is not None and self._backend.scale_was_known:
+        doubted = self._contradiction.camera_doubted
+        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance, use_camera=not doubted)
+        if estimate is not None and (self._backend.scale_was_known or self._backend.wheels_slip):
             self._restart(output, estimate, self._track.end_ns)
 
     def _restart(self, output: LiveOutput, estimate: GraphEstimate, until_ns: int) -> None:
@@ -306,14 +306,13 @@ class FusionEstimator:
         if not contradiction.camera_doubted:
             self._correct_twist(output, seen)
         elif not was_doubted and contradiction.since_ns is not None:
-            estimate = self._backend.doubt_camera(contradiction.since_ns)
-            if estimate is not None:
-                self._restart(output, estimate, contradiction.since_ns)
+            self._backend.doubt_camera(contradiction.since_ns)
+            if self._backend.estimate is not None:
+                self._restart(output, self._backend.estimate, contradiction.since_ns)
 
     def _frame_before(self, status: OdometryStatus) -> OdometryStatus:
         """The oldest image that is not further back than the long baseline."""
-        earliest_ns = status.stamp_ns - LONG_BASELINE_NS
-        return next((frame for frame in self._frames if frame.stamp_ns >= earliest_ns), status)
+        return next((each for each in self._frames if each.stamp_ns >= status.stamp_ns - LONG_BASELINE_NS), status)
 
     def _correct_twist(self, output: LiveOutput, seen: _SeenMotion) -> None:
         gap_s = seconds(seen.end_ns - seen.start_ns)
@@ -336,8 +335,7 @@ class FusionEstimator:
 
     def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
         """(3, 3) covariance of the base's pose as the camera measures it, metres and rad."""
-        scale = self.scale.value
-        metric = np.diag([scale, scale, 1.0])
+        scale, metric = self.scale.value, np.diag([self.scale.value, self.scale.value, 1.0])
         covariance = metric @ visual.noise(self.config.visual) @ metric
         from_scale = self._backend.log_scale_sigma * scale * (planar.rotation(-visual.yaw) @ visual.shift)
         covariance[:2, :2] += np.outer(from_scale, from_scale)
@@ -348,5 +346,5 @@ class FusionEstimator:
         visual = self._backend.motion_of(status) if self._backend.scale_known else None
         if visual is None:
             return None
-        pose = visual.base_motion(self.scale.value)
-        return Sighting(self._on_wheel_clock(status.stamp_ns), pose, self._sight_covariance(visual))
+        stamp_ns, pose = self._on_wheel_clock(status.stamp_ns), visual.base_motion(self.scale.value)
+        return Sighting(stamp_ns, pose, self._sight_covariance(visual))

@@ -67,6 +67,11 @@ class WheelMotion:
     noise: np.ndarray
     jacobian: np.ndarray
 
+    @property
+    def duration_s(self) -> float:
+        """Seconds."""
+        return seconds(self.end_ns - self.start_ns)
+
     @staticmethod
     def nothing(stamp_ns: int) -> "WheelMotion":
         """No motion yet."""
