@@ -16,6 +16,13 @@ LARGEST_DIFFERENCE_M = 0.15  # between sightings that agree
 LARGEST_DIFFERENCE_RAD = 0.02
 
 
+class Place(NamedTuple):
+    """A (3,) pose of base_link in map with its (3, 3) covariance, as in `fusion.planar`."""
+
+    pose: np.ndarray
+    covariance: np.ndarray
+
+
 class Sighting(NamedTuple):
     """A keyframe of the map that was seen again.
 
