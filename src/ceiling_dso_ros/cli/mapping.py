@@ -58,6 +58,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
 
 
 def _build(options: argparse.Namespace) -> None:
+    from ceiling_dso_ros.playback.mapping import build
     from ceiling_dso_ros.slam.builder import SiteBuilder
     from ceiling_dso_ros.slam.map_file import write_map
 
@@ -71,8 +72,7 @@ def _build(options: argparse.Namespace) -> None:
             raise InputError(f"{path}: another camera or mount than that of {options.inputs[0]}")
         else:
             builder.begin_session()
-        for record in drive.records:
-            refused += sum(not decision.accepted for decision in builder.add(record))
+        refused += sum(not decision.accepted for decision in build(builder, drive))
         if not builder.is_placed:
             warn(f"{path}: never came to a place that is known already; it is left out")
     assert builder is not None

@@ -90,11 +90,13 @@ class Localiser:
         state: after the last keyframe.
         hypotheses: the places that are possible, the best first; one while localised.
         last: the last keyframe that was used.
+        refusal: why the last comparison with it was refused, in words; empty if it was not.
+        site: the map.
         way: of the session.
     """
 
     def __init__(self, site: SiteMap, verifier: Optional[Verifier] = None) -> None:
-        self._site = site
+        self.site = site
         self._poses = site.poses
         self._records = [keyframe.record for keyframe in site.keyframes]
         self._appearance = Appearance(self._records)
@@ -104,6 +106,7 @@ class Localiser:
         self.state = Localisation.SEARCHING
         self.hypotheses: List[Hypothesis] = []
         self.last: Optional[Step] = None
+        self.refusal = ""
 
     @property
     def pose(self) -> Optional[np.ndarray]:
@@ -231,6 +234,7 @@ class Localiser:
 
     def _compare(self, step: Step, target: int, expected: Optional[np.ndarray] = None) -> Optional[Sighting]:
         found = self._verifier.verify(self._records[target], step.record, expected)
+        self.refusal = "" if isinstance(found, Verified) else found.reason
         if not isinstance(found, Verified):
             return None
         return Sighting(step.number, target, found.motion, found.covariance, found.others)
