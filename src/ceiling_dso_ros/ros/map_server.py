@@ -81,7 +81,7 @@ class MapServer:
         own: MapParameters
         (own,) = parameters.read(MapParameters)
         self._map_frame = own.map_frame.lstrip("/")
-        self._file = parameters.file_path(own.map)
+        self._file, self._save_to = parameters.file_path(own.map), parameters.file_path(own.save)
         self._lock = threading.RLock()  # of the session
         self._session: Optional[MapSession] = None  # None until camera and mount are known
         self._loaded: Optional[SiteMap] = None  # what it begins with
@@ -107,7 +107,11 @@ class MapServer:
         self._tell()
 
     def spin(self) -> None:
-        """Work until the node is shut down."""
+        """Work until the node is shut down.
+
+        Raises:
+            OutputError: the map cannot be written at the end.
+        """
         rospy.on_shutdown(lambda: self._work.put(None))
         while (message := self._work.get()) is not None:
             try:
@@ -115,6 +119,9 @@ class MapServer:
                     self._use(message)
             except Exception:  # concerns one keyframe
                 rospy.logerr_throttle(WARNING_PERIOD_S, f"a keyframe was not used: {traceback.format_exc()}")
+        site = self._site()
+        if self._save_to is not None and site is not None and site.keyframes:
+            write_map(self._save_to, site)
 
     def _connect(self) -> None:
         for topic, kind, stream in (

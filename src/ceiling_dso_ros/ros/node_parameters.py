@@ -152,6 +152,7 @@ class MapParameters:
 
     map: str = ""  # file of the map to begin with; none by default
     mapping: bool = True  # build the map; false: only find the robot in it
+    save: str = ""  # file to which the map is written when the node ends; not at all by default
     map_frame: str = "map"
     odom_frame: str = "odom"  # frame of odometry/filtered
     publish_tf: bool = True
