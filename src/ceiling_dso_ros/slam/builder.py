@@ -184,7 +184,7 @@ class SiteBuilder:
         covariances = self.graph.covariances_from(number, near)
         for target in near:
             gate = Gate(self.graph.predicted(target, number), covariances[target])
-            found = self._verifier.verify(self._records[target][0], step.record, gate.expected)
+            found = self._verifier.verify(self._records[target][0], step.record, gate)
             if not isinstance(found, Verified):
                 self._decide(number, target, found.reason, None)
                 continue

@@ -156,7 +156,7 @@ class Localiser:
         gates = {
             target: Gate(planar.between(self._poses[target], believed.pose), believed.covariance) for target in near
         }
-        compared = [self._compare(step, target, gate.expected) for target, gate in gates.items()]
+        compared = [self._compare(step, target, gate) for target, gate in gates.items()]
         sightings = [seen for seen in compared if seen is not None]
         fitting = [seen for seen in sightings if not gates[seen.target].why_not(seen)]
         for seen in fitting:
@@ -232,8 +232,8 @@ class Localiser:
         elif len(self.hypotheses) > 1 and best.score > 1:
             self.state = Localisation.AMBIGUOUS
 
-    def _compare(self, step: Step, target: int, expected: Optional[np.ndarray] = None) -> Optional[Sighting]:
-        found = self._verifier.verify(self._records[target], step.record, expected)
+    def _compare(self, step: Step, target: int, gate: Optional[Gate] = None) -> Optional[Sighting]:
+        found = self._verifier.verify(self._records[target], step.record, gate)
         self.refusal = "" if isinstance(found, Verified) else found.reason
         if not isinstance(found, Verified):
             return None

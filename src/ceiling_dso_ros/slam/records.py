@@ -222,7 +222,7 @@ def _depths(pixels: np.ndarray, camera: PinholeCamera, points: np.ndarray) -> np
     u, v = pixels_of(Intrinsics(*camera.parameters), *(points[:, :2] / points[:, 2:]).T)
     apart = (pixels[:, 0:1] - u) ** 2 + (pixels[:, 1:2] - v) ** 2
     count = min(DEPTH_NEIGHBOURS, len(points))
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, :count]
+    nearest = np.argpartition(apart, count - 1, axis=1)[:, :count]
     near = np.take_along_axis(apart, nearest, axis=1) < DEPTH_REACH_PX**2
     depths = np.where(near, points[nearest, 2], np.nan)
     result = np.full(len(pixels), np.nan)
