@@ -97,7 +97,7 @@ class Rosless:
         monkeypatch.setattr("ceiling_dso_ros.ros.diagnostics.Updater", Updater)
         for server in ("dso_server", "fusion_server"):
             monkeypatch.setattr(f"ceiling_dso_ros.ros.{server}.ReconfigureServer", Endpoint)
-        monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.load_kernels", lambda: None)
+        monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.load_kernels", lambda _load: None)
 
     def publish(self, topic, message):
         """Called for every message that is published."""

@@ -17,7 +17,16 @@ from rosbags.rosbag1 import Reader
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.fusion.config import OutputConfig
 from ceiling_dso_ros.io.bag_trajectories import read_trajectories
+from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.trajectory import read_tum
+from ceiling_dso_ros.io.warning_log import WarningLog, ignore_warning
+from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
+from ceiling_dso_ros.playback.mapping import MappedDrive, build
+from ceiling_dso_ros.playback.playback import Playback
+from ceiling_dso_ros.playback.visual_run import VisualRun
+from ceiling_dso_ros.simulation.bag import files_beside
+from ceiling_dso_ros.slam.builder import SiteBuilder
+from ceiling_dso_ros.slam.map_file import read_map
 
 LATEST_S = 0.1  # by which a correction may be late, in the bag's time
 TOOLS = ("roslaunch", "rosbag", "rostopic")
@@ -28,11 +37,36 @@ pytestmark = [
 ]
 
 
+def offline_map(bag):
+    """As `map build` makes it, but for the prediction."""
+    recording = open_recording(bag, robot_file=files_beside(bag)["robot"])
+    fusion = FusionPlayback.of(recording)
+    playback = Playback(VisualRun.of(recording), WarningLog(ignore_warning), fusion, predict=False, keep_keyframes=True)
+    playback.play(recording.frames(wheels=recording.wheels))
+    drive = MappedDrive.of(playback, fusion, bag)
+    builder = SiteBuilder(drive.camera)
+    build(builder, drive)
+    return builder.site()
+
+
+def assert_same_map(live, offline):
+    assert len(offline.keyframes) >= 3
+    stamps = [[keyframe.record.stamp_ns for keyframe in site.keyframes] for site in (live, offline)]
+    assert stamps[0] == stamps[1]
+    np.testing.assert_allclose(live.poses, offline.poses, rtol=0.0, atol=1e-3)
+    for one, other in zip(live.keyframes, offline.keyframes):
+        np.testing.assert_array_equal(one.record.image, other.record.image)
+        np.testing.assert_allclose(one.record.points, other.record.points, rtol=0.0, atol=1e-3)
+
+
 def test_live_and_offline_agree(bag, tmp_path):
     live, offline = tmp_path / "poses of the nodes", tmp_path / "offline"
     same = "mapping:=sequential", "motion_prediction:=false"
-    launched = Launched(bag, tmp_path, f"rate:={SLOWLY}", *same, f"trajectory_dir:={live}")
+    site = tmp_path / "live.site"
+    mapped = "localization:=true", f"save_map:={site}"
+    launched = Launched(bag, tmp_path, f"rate:={SLOWLY}", *same, f"trajectory_dir:={live}", *mapped)
     launched.wait()
+    assert_same_map(read_map(site), offline_map(bag))
     assert main(["run", str(bag), "--out", str(offline), "--no-prediction"]) == 0
 
     for name in ("camera", "keyframes", "wheel", "fused_smoothed"):

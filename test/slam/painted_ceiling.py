@@ -42,8 +42,8 @@ def paint(seed, period_m=None):
     return image
 
 
-def record(texture, pose, stamp_ns=0, odom=None, seed=0, camera=RECORD_CAMERA, gain=1.0):
-    """What a robot at a (3,) pose in the middle of the hall sees; `odom` is where the odometry believes it to be."""
+def seen(texture, pose, stamp_ns=0, seed=0, camera=RECORD_CAMERA, gain=1.0):
+    """Image and points, in the camera's frame, of a robot at a (3,) pose in the middle of the hall."""
     rng = np.random.default_rng([seed, stamp_ns])
     T_camera_world = np.linalg.inv(planar.lift(np.asarray(pose, float)) @ camera.T_base_camera)
     plane = np.column_stack([T_camera_world[:3, :2], T_camera_world[:3, 2] * HEIGHT_M + T_camera_world[:3, 3]])
@@ -56,7 +56,13 @@ def record(texture, pose, stamp_ns=0, odom=None, seed=0, camera=RECORD_CAMERA, g
     rays = np.column_stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(len(u))])
     normal, offset = T_camera_world[:3, 2], HEIGHT_M + T_camera_world[:3, 3] @ T_camera_world[:3, 2]
     depth = offset / (rays @ normal) * (1.0 + 0.005 * rng.standard_normal(len(u)))
-    view = View.of(image, CAMERA, rays * depth[:, None])
+    return image, rays * depth[:, None]
+
+
+def record(texture, pose, stamp_ns=0, odom=None, seed=0, camera=RECORD_CAMERA, gain=1.0):
+    """What a map keeps of it; `odom` is where the odometry believes the robot to be."""
+    image, points = seen(texture, pose, stamp_ns, seed, camera, gain)
+    view = View.of(image, CAMERA, points)
     believed = np.asarray(pose if odom is None else odom, float)
     return view.record(stamp_ns, 1.0, camera.T_base_camera, believed, np.diag(STEP_SIGMAS**2))
 

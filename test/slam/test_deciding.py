@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
 
-from ceiling_dso_ros.slam.deciding import Gate, Sighting, agreeing
+from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.slam.deciding import WIDE_GATE, Gate, Sighting, agreeing, distance
 
 NONE = np.zeros((0, 3))
 COVARIANCE = np.diag([1e-4, 1e-4, 1e-6])
@@ -29,3 +30,14 @@ def test_estimates_that_agree_are_one_group():
     right = [(i, np.array([0.01 * i, 0.0, 0.0]), COVARIANCE) for i in (3, 4, 5)]
     groups = agreeing([*shifted, *right])
     assert groups == [[2, 3, 4], [0, 1]]
+
+
+def test_a_gate_admits_what_is_within_it_at_any_yaw():
+    rng = np.random.default_rng(3)
+    gate = Gate(np.array([1.0, -2.0, 3.1]), np.diag([0.04, 0.01, 0.0004]))
+    covariance = np.diag([1e-4, 1e-4, 1e-6])
+    motions = np.array([planar.compose(gate.predicted, rng.normal(0.0, [1.0, 0.5, 0.1])) for _ in range(300)])
+    expected = [distance(gate.predicted, gate.covariance + covariance, motion) < WIDE_GATE for motion in motions]
+    assert 20 < sum(expected) < 280
+    assert gate.admits(motions, covariance).tolist() == expected
+    assert gate.admits(np.zeros((0, 3)), covariance).tolist() == []

@@ -17,13 +17,13 @@ def laps():
     """Two laps of 40 keyframes: graph, true poses, and a function that makes a loop."""
     rng = np.random.default_rng(3)
     graph, true = PoseGraph(), [np.zeros(3)]
-    graph.poses[0] = np.zeros(3)
+    graph.place(0, np.zeros(3))
     covariance = walked(STEP)
     for i in range(1, COUNT):
         true.append(planar.compose(true[-1], STEP))
         motion = planar.compose(STEP, rng.multivariate_normal(np.zeros(3), covariance))
-        graph.poses[i] = planar.compose(graph.poses[i - 1], motion)
-        graph.edges.append(Edge(i - 1, i, motion, covariance, False))
+        graph.place(i, planar.compose(graph.poses[i - 1], motion))
+        graph.connect(Edge(i - 1, i, motion, covariance, False))
 
     def loop(start, end, wrong_by=(0.0, 0.0, 0.0)):
         error = planar.compose(np.asarray(wrong_by), rng.multivariate_normal(np.zeros(3), LOOP_COVARIANCE))

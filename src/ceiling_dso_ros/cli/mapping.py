@@ -13,7 +13,6 @@ from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.playback.mapping import DriveInMap, MappedDrive
-    from ceiling_dso_ros.slam.builder import SiteBuilder
     from ceiling_dso_ros.slam.site_map import SiteMap
 
 FIGURE_ENDINGS = (".png", ".svg")
@@ -59,11 +58,12 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
 
 
 def _build(options: argparse.Namespace) -> None:
+    from ceiling_dso_ros.playback.mapping import build
     from ceiling_dso_ros.slam.builder import SiteBuilder
     from ceiling_dso_ros.slam.map_file import write_map
 
     require_output_file(options.out)
-    builder = None
+    builder, refused = None, 0
     for path in options.inputs:
         drive = _drive(path, options)
         if builder is None:
@@ -72,18 +72,13 @@ def _build(options: argparse.Namespace) -> None:
             raise InputError(f"{path}: another camera or mount than that of {options.inputs[0]}")
         else:
             builder.begin_session()
-        for record in drive.records:
-            builder.add(record)
+        refused += sum(not decision.accepted for decision in build(builder, drive))
         if not builder.is_placed:
             warn(f"{path}: never came to a place that is known already; it is left out")
     assert builder is not None
     site = builder.site()
     write_map(options.out, site)
-    print(f"{options.out}: {_described(site)}, {_refused(builder)} comparisons refused")
-
-
-def _refused(builder: "SiteBuilder") -> int:
-    return sum(not decision.accepted for decision in builder.decisions)
+    print(f"{options.out}: {_described(site)}, {refused} comparisons refused")
 
 
 def _localise(options: argparse.Namespace) -> None:

@@ -78,7 +78,7 @@ def load_kernels(tell: Callable[[str], None]) -> None:
 
 def _marker() -> Optional[Path]:
     """The file that says that the cache is complete; None where nothing can be cached."""
-    return complete_marker(sample, Path(__file__).parent, "kernels")
+    return complete_marker(sample, [Path(__file__).parent], "kernels")
 
 
 def main() -> int:

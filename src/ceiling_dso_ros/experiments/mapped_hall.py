@@ -8,7 +8,7 @@ import numpy as np
 
 from ceiling_dso_ros.experiments.rendered_keyframes import RenderedKeyframes
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.slam.builder import RECENT_WAY_M, SiteBuilder
+from ceiling_dso_ros.slam.builder import RECENT_WAY_M, Decision, SiteBuilder
 from ceiling_dso_ros.slam.localiser import Localiser
 from ceiling_dso_ros.slam.records import KeyframeRecord
 from ceiling_dso_ros.slam.site_map import SiteMap
@@ -66,11 +66,10 @@ class MappedHall:
     def __init__(self, keyframes: RenderedKeyframes) -> None:
         self._truth: Dict[int, np.ndarray] = dict(zip(keyframes.stamps_ns.tolist(), keyframes.true_poses))
         records = keyframes.records()
-        self._builder = SiteBuilder(keyframes.camera)
-        for record in records:
-            self._builder.add(record)
-        self.site: SiteMap = self._builder.site()
-        self.counts = self._count_loops(records)
+        builder = SiteBuilder(keyframes.camera)
+        decisions = [decision for record in records for decision in builder.add(record)]
+        self.site: SiteMap = builder.site()
+        self.counts = self._count_loops(records, decisions)
         self.errors_m = [float(np.hypot(*error[:2])) for error in self._errors()]
 
     def start_from(self, keyframes: RenderedKeyframes, first: int, most_m: float) -> Counts:
@@ -103,10 +102,10 @@ class MappedHall:
             for keyframe in self.site.keyframes
         ]
 
-    def _count_loops(self, records: Sequence[KeyframeRecord]) -> Counts:
-        counts = Counts(comparisons=len(self._builder.decisions))
+    def _count_loops(self, records: Sequence[KeyframeRecord], decisions: Sequence[Decision]) -> Counts:
+        counts = Counts(comparisons=len(decisions))
         seen = set()
-        for decision in self._builder.decisions:
+        for decision in decisions:
             if decision.accepted and decision.motion is not None:
                 truth = planar.between(self._truth[decision.target_ns], self._truth[decision.query_ns])
                 counts.loops += 1

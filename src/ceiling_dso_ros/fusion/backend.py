@@ -15,6 +15,7 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
+from ceiling_dso_ros.fusion.leaving import LeavingKeyframe, LeavingKeyframes
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
@@ -46,6 +47,8 @@ class KeyframeBackend:
         self._noise = noise
         self._graph = WindowGraph(config, noise, keep_history)
         self._chain = KeyframeChain()
+        self._leaving = LeavingKeyframes(self._graph, self._chain)
+        self._left: Deque[LeavingKeyframe] = deque(maxlen=MOST_REFINED)
         self._bias = WheelBias(noise, config.visual)
         self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes to which the camera's motion is not used
         self._in_doubt: List[Interval] = []  # of the newest segment, as the camera tells: they contradict the wheels
@@ -83,7 +86,9 @@ class KeyframeBackend:
         """Take in the window of the visual odometry, if it changed; returns the keyframes that are new in it."""
         if not keyframes:
             return []
+        self._leaving.refine(keyframes)
         new = self._chain.update(keyframes)
+        self._leaving.refined(keyframes)
         for refined in self._chain.refinements():
             visual = self._on_floor(refined.T_before_node, refined.covariance)
             if visual is not None and refined.node not in self._refused:
@@ -127,6 +132,7 @@ class KeyframeBackend:
         self._judge_scale(self.estimate.scale_sigma)
         if self._in_doubt and self.scale_known:
             self._resolve_doubt()
+        self._left.extend(self._leaving.solved(self.segment, self.scale_known, stamp_ns))
         return self.estimate
 
     def doubt_camera(self, since_ns: int) -> None:
@@ -209,6 +215,12 @@ class KeyframeBackend:
     def unsettled(self) -> List[np.ndarray]:
         """What the keyframes of the window have measured so far, each MOTION: it follows what was taken last."""
         return self._graph.motions()
+
+    def take_left(self) -> List[LeavingKeyframe]:
+        """Take out the newest of the keyframes that have left the odometry's window since the last call."""
+        left = list(self._left)
+        self._left.clear()
+        return left
 
     def _motion_to(self, keyframe: KeyframeEstimate, covariance: Optional[np.ndarray]) -> Optional[VisualMotion]:
         T = self._chain.motion_to(keyframe)

@@ -3,6 +3,8 @@
 
 The same class serves the ROS node and the offline run. Wheel and camera data need not arrive in the order of their
 stamps: an image is used as soon as a later wheel sample has arrived, a keyframe whenever its optimisation is done.
+
+Long because one class holds the whole state of the live estimate.
 """
 
 import bisect
@@ -23,6 +25,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
 from ceiling_dso_ros.fusion.contradiction import UNSEEN_NS, Contradiction
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
+from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
 from ceiling_dso_ros.fusion.output import LiveOutput
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.relative_filter import Sighting
@@ -186,6 +189,10 @@ class FusionEstimator:
     def origin(self) -> np.ndarray:
         """(3,) pose of the first wheel sample in odom; `set_pose` changes it."""
         return self._origin
+
+    def take_left(self) -> List[LeavingKeyframe]:
+        """Take out the newest of the keyframes that have left the odometry's window since the last call."""
+        return self._backend.take_left()
 
     def take_settled(self) -> List[np.ndarray]:
         """Take out the measurements of the keyframes that are no longer refined, each MOTION; needs keep_history."""

@@ -13,9 +13,10 @@ from typing import Any, Deque, Dict, List, Optional, Sequence
 import gtsam
 import numpy as np
 
-from ceiling_dso_ros.fusion import factors
+from ceiling_dso_ros.fusion import factors, planar
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.motion import MOTION
+from ceiling_dso_ros.fusion.smoothing import step_covariances
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
 
@@ -199,6 +200,7 @@ class WindowGraph:
     """
 
     def __init__(self, config: FusionConfig, noise: WheelNoise, keep_history: bool = False) -> None:
+        self._config = config
         self._builder = FactorBuilder(config, noise)
         self._window = config.graph.window
         self._constants_covariance = noise.constants_covariance(with_radius=False)[1:, 1:]
@@ -222,6 +224,28 @@ class WindowGraph:
     def motions(self) -> List[np.ndarray]:
         """What the intervals of the window measure, each MOTION."""
         return [self._motion(interval) for interval in self._intervals]
+
+    @property
+    def oldest(self) -> int:
+        """Number of the oldest node."""
+        return self._intervals[0].end - 1 if self._intervals else 0
+
+    def pose(self, node: int) -> np.ndarray:
+        """(3,) estimate of a node of the window, relative to the first wheel sample."""
+        pose = self._values.atPose2(factors.pose_key(node))
+        return np.array([pose.x(), pose.y(), pose.theta()])
+
+    def log_scale(self, node: int) -> float:
+        """Estimate of the logarithm of metres per visual unit at a node of the window, not at the oldest one."""
+        return float(self._values.atDouble(factors.scale_key(node)))
+
+    def step_covariances(self, start: int, end: int) -> np.ndarray:
+        """(end - start, 3, 3) of the motions between the nodes from one to another, both of the window."""
+        intervals = [interval for interval in self._intervals if start < interval.end <= end]
+        motions = np.array([self._motion(interval) for interval in intervals], MOTION)
+        steps = [planar.between(self.pose(i.end - 1), self.pose(i.end)) for i in intervals]
+        scales = [self.log_scale(interval.end) for interval in intervals]
+        return step_covariances(motions, np.reshape(steps, (-1, 3)), np.array(scales), self._config)
 
     @property
     def newest(self) -> int:

@@ -33,6 +33,11 @@ class NodeLink(NamedTuple):
     T_keyframe_node: np.ndarray
     covariance: Optional[np.ndarray]
 
+    @property
+    def is_keyframe(self) -> bool:
+        """Whether the node is the keyframe itself."""
+        return bool((self.T_keyframe_node == np.eye(4)).all())
+
 
 class Refinement(NamedTuple):
     """A refined motion: that of the camera from the keyframe before to the one of a node, (4, 4), VO units.
@@ -94,6 +99,11 @@ class KeyframeChain:
     def known(self, keyframe_id: int) -> Optional[KeyframeEstimate]:
         """A keyframe as last refined; None when it is not in the window."""
         return self._poses.get(keyframe_id)
+
+    def node_of(self, keyframe_id: int) -> Optional[int]:
+        """The node that a keyframe has become; None if it is none."""
+        own = (link.node for link in self._links if link.keyframe_id == keyframe_id and link.is_keyframe)
+        return next(own, None)
 
     def continues(self, keyframe: KeyframeEstimate) -> bool:
         """Whether a new keyframe is of the same segment as the newest node."""

@@ -72,6 +72,21 @@ def smooth(motions: np.ndarray, config: FusionConfig) -> List[SmoothedNode]:
     ]
 
 
+def step_covariances(
+    motions: np.ndarray, steps: np.ndarray, log_scales: np.ndarray, config: FusionConfig
+) -> np.ndarray:
+    """Covariances of the motions between the nodes of a solution, (N, 3, 3), as those of SmoothedNode.
+
+    Args:
+        motions: (N,) MOTION, consecutive.
+        steps: (N, 3) motion of the base in each.
+        log_scales: (N,) of the later nodes.
+        config: the settings of the live estimate.
+    """
+    chain = _Chain(motions, config)
+    return chain.step_covariances(_State(steps, log_scales, np.zeros(CONSTANTS)))
+
+
 def _solve(chain: "_Chain") -> "_State":
     """Gauss-Newton, with damping (Levenberg-Marquardt) where a step makes the error larger.
 

@@ -49,7 +49,7 @@ def load_kernels(tell: Callable[[str], None]) -> None:
 
 
 def _marker() -> Optional[Path]:
-    return complete_marker(undistorted_points, Path(__file__).parent, NAME)
+    return complete_marker(undistorted_points, [Path(__file__).parent], NAME)
 
 
 def main() -> int:

@@ -6,81 +6,53 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso import HostedPoints, KeyframeEstimate, OdometryStatus
-from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import Intrinsics, pixels
 from ceiling_dso_ros.dso.hosted_points import NO_HOSTED_POINTS
-from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.config import RobotModel
-from ceiling_dso_ros.fusion.smoothing import SmoothedNode
-from ceiling_dso_ros.slam.deciding import carried
-from ceiling_dso_ros.slam.records import KeyframeRecord, View
+from ceiling_dso_ros.slam.records import KeyframeView
 
 RECENT_IMAGES = 30  # among which a keyframe's own is looked for
 
 
 class KeyframeRecorder:
-    """Makes a `View` of each keyframe that leaves the window, 60 kB each."""
+    """Makes a `KeyframeView` of each keyframe that leaves the window."""
 
     def __init__(self, camera: PinholeCamera) -> None:
         """Begin; the camera is that of the undistorted images."""
-        self._camera = camera
+        self.camera = camera
         self._images: Dict[int, np.ndarray] = {}  # by stamp: recent ones, and those of the window
         self._keyframes: Tuple[KeyframeEstimate, ...] = ()
         self._points: Dict[int, List[HostedPoints]] = {}  # marginalised points of each host in the window
         self._window_points = NO_HOSTED_POINTS
-        self.views: List[Tuple[int, View]] = []  # stamp and view of those that have left
 
-    def add(self, image: np.ndarray, status: OdometryStatus) -> None:
-        """Add an image, (height, width) float32 and undistorted, with its result."""
+    def add(self, image: np.ndarray, status: OdometryStatus) -> List[KeyframeView]:
+        """Add an image, (height, width) float32 and undistorted, with its result; returns those that have left."""
         self._images[status.stamp_ns] = image
+        left: List[KeyframeView] = []
         if status.keyframes:
             if self._keyframes and status.segment != self._keyframes[0].segment:
-                self._leave(self._keyframes)
-            self._take_in(status)
+                left += self._leave(self._keyframes)
+            left += self._take_in(status)
         self._forget_images(status)
+        return left
 
-    def finish(self) -> None:
-        """The recording is over: all keyframes leave."""
-        self._leave(self._keyframes)
-        self._keyframes = ()
-
-    def records(self, nodes: Sequence[SmoothedNode], robot: RobotModel) -> List[KeyframeRecord]:
-        """Records of the keyframes so far, in the order of their stamps.
-
-        Args:
-            nodes: the fusion's estimate of all keyframes. One that is none of them has no record.
-            robot: its geometry and time offset.
-        """
-        offset_ns = nanoseconds(robot.camera_time_offset_s)
-        views = {stamp_ns + offset_ns: (stamp_ns, view) for stamp_ns, view in self.views}
-        records = []
-        step_covariance, before = np.zeros((3, 3)), nodes[0].pose if nodes else np.zeros(3)
-        for node in nodes:
-            step_covariance = carried(step_covariance, planar.between(before, node.pose), node.step_covariance)
-            before = node.pose
-            if node.stamp_ns in views:
-                stamp_ns, view = views[node.stamp_ns]
-                scale = float(np.exp(node.log_scale))
-                records.append(view.record(stamp_ns, scale, robot.T_base_camera, node.pose, step_covariance))
-                step_covariance = np.zeros((3, 3))
-        return records
-
-    def _take_in(self, status: OdometryStatus) -> None:
+    def _take_in(self, status: OdometryStatus) -> List[KeyframeView]:
         self._keyframes, self._window_points = status.keyframes, status.window_points
         known = {keyframe.keyframe_id for keyframe in status.keyframes}
         self._points = {host: parts for host, parts in self._points.items() if host in known}
         for host in np.unique(status.marginalized.keyframe_id).tolist():
             chosen = status.marginalized.keyframe_id == host
             self._points.setdefault(host, []).append(status.marginalized.chosen(chosen))
-        self._leave([keyframe for keyframe in status.keyframes if keyframe.leaves])
+        left = self._leave([keyframe for keyframe in status.keyframes if keyframe.leaves])
         self._keyframes = tuple(keyframe for keyframe in status.keyframes if not keyframe.leaves)
+        return left
 
-    def _leave(self, leaving: Sequence[KeyframeEstimate]) -> None:
+    def _leave(self, leaving: Sequence[KeyframeEstimate]) -> List[KeyframeView]:
         """Make views of keyframes; the points of all that were in the window with them are used where they see them."""
         if not leaving:
-            return
+            return []
+        views = []
         window = {keyframe.keyframe_id: keyframe.T_world_camera for keyframe in (*self._keyframes, *leaving)}
         parts = [self._window_points, *(part for host in sorted(self._points) for part in self._points[host])]
         points = HostedPoints.concatenated(parts)
@@ -91,8 +63,9 @@ class KeyframeRecorder:
             if image is None:
                 continue
             T = se3.inverse(keyframe.T_world_camera)
-            seen = _in_view(positions @ T[:3, :3].T + T[:3, 3], self._camera)
-            self.views.append((keyframe.stamp_ns, View.of(image, self._camera, seen)))
+            seen = _in_view(positions @ T[:3, :3].T + T[:3, 3], self.camera)
+            views.append(KeyframeView.of(keyframe.stamp_ns, keyframe.keyframe_id, image, self.camera, seen))
+        return views
 
     def _forget_images(self, status: OdometryStatus) -> None:
         wanted = {keyframe.stamp_ns for keyframe in self._keyframes} | {status.predict_from_ns}

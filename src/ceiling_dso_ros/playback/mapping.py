@@ -7,15 +7,17 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.playback.fused_record import planar_trajectory
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.playback import Playback
-from ceiling_dso_ros.slam.localiser import Localisation, Localiser
-from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera
+from ceiling_dso_ros.slam.builder import Decision, SiteBuilder
+from ceiling_dso_ros.slam.localiser import Localisation
+from ceiling_dso_ros.slam.record_maker import NewRecord
+from ceiling_dso_ros.slam.records import RecordCamera, handed_over
+from ceiling_dso_ros.slam.session import MapSession
 from ceiling_dso_ros.slam.site_map import SiteMap
 
 
@@ -25,14 +27,12 @@ class MappedDrive:
 
     Attributes:
         camera: of the records.
-        records: of the keyframes, in their order.
-        offset_ns: wheels' clock minus camera's clock.
+        records: of the keyframes, as they left the window, in their order.
         fused: base_link in odom, on the wheels' clock.
     """
 
     camera: RecordCamera
-    records: Sequence[KeyframeRecord]
-    offset_ns: int
+    records: Sequence[NewRecord]
     fused: Trajectory
 
     @classmethod
@@ -42,15 +42,10 @@ class MappedDrive:
         Raises:
             InputError: it has no keyframes whose metric pose is known.
         """
-        if playback.keyframes is None:
-            raise ValueError("the run has not kept its keyframes")
-        robot = fusion.estimator.robot
-        nodes = fusion.estimator.smoothed() if fusion.estimator.scale.converged else []
-        records = playback.keyframes.records(nodes, robot)
-        if not records:
+        if not playback.records:
             raise InputError(f"{path}: gives no map: the scale of its images never became known")
-        camera = RecordCamera.of(playback.visual.preprocess.camera, robot.T_base_camera)
-        return cls(camera, records, nanoseconds(robot.camera_time_offset_s), fusion.fused())
+        camera = RecordCamera.of(handed_over(playback.visual.preprocess.camera), fusion.estimator.robot.T_base_camera)
+        return cls(camera, playback.records, fusion.fused())
 
 
 @dataclass(frozen=True)
@@ -59,7 +54,8 @@ class DriveInMap:
 
     Attributes:
         states: after each record.
-        keyframes: stamp on the wheels' clock and (3,) pose in map of each keyframe while the robot was localised.
+        keyframes: stamp on the wheels' clock and (3,) pose in map while the robot was localised, at the newest keyframe
+            when one that had left was found.
         first_m: way driven until it was localised first; None if it never was.
     """
 
@@ -89,16 +85,23 @@ class DriveInMap:
 
 def localise(site: SiteMap, drive: MappedDrive) -> DriveInMap:
     """Look for a drive in a map, keyframe by keyframe, without later information."""
-    localiser = Localiser(site)
+    session = MapSession(site.camera, site, mapping=False)
     states, keyframes = [], []
     first_m = None
-    for record in drive.records:
-        before = localiser.last
-        states.append(localiser.add(record))
-        pose = localiser.pose
-        if pose is None or localiser.last is before or localiser.last is None:
-            continue
-        keyframes.append((record.stamp_ns + drive.offset_ns, pose))
-        if first_m is None:
-            first_m = localiser.last.way_m
+    for new in drive.records:
+        found = session.add(new)
+        states.append(found.state)
+        if found.place is not None:
+            keyframes.append((new.newest_ns, found.place.pose))
+            first_m = found.way_m if first_m is None else first_m
     return DriveInMap(states, keyframes, first_m)
+
+
+def build(builder: SiteBuilder, drive: MappedDrive) -> List[Decision]:
+    """Add a drive to a map as a session of its own; returns what became of the comparisons."""
+    decisions: List[Decision] = []
+    for index, new in enumerate(drive.records):
+        if new.begins and index:
+            builder.begin_session()
+        decisions += builder.add(new.record)
+    return decisions

@@ -18,6 +18,7 @@ from ceiling_dso_ros.playback.keyframe_recorder import KeyframeRecorder
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
 from ceiling_dso_ros.playback.timing_log import TimingLog
 from ceiling_dso_ros.playback.visual_run import VisualRun
+from ceiling_dso_ros.slam.record_maker import NewRecord, RecordMaker
 
 
 class Playback:
@@ -28,7 +29,7 @@ class Playback:
     Attributes:
         visual: the images' part, with the poses so far.
         map: the points so far.
-        keyframes: what a map of the site needs of the keyframes so far; None unless it is wanted.
+        records: what a map of the site needs of the keyframes that have left the window so far, if it is wanted.
         timing: the times so far.
         warnings: what is doubtful in the recording, and the reasons of skipped frames.
         skipped: number of frames skipped so far.
@@ -49,13 +50,15 @@ class Playback:
             warnings: for what is doubtful.
             fusion: the wheels' part.
             predict: the wheels, if there are any, predict the camera's motion for the odometry.
-            keep_keyframes: keep what a map of the site needs.
+            keep_keyframes: keep what a map of the site needs; with wheels only.
         """
         self.visual = visual
         self._fusion = fusion
         self._predict = predict
         self.map = MapRecorder()
-        self.keyframes = KeyframeRecorder(visual.preprocess.camera) if keep_keyframes else None
+        self._recorder = KeyframeRecorder(visual.preprocess.camera) if keep_keyframes else None
+        self._maker = RecordMaker()
+        self.records: List[NewRecord] = []
         self.timing = TimingLog()
         self.warnings = warnings
         self.skipped = 0
@@ -87,8 +90,7 @@ class Playback:
             raise InputError(f"none of the {self.skipped} images can be used; the first: {before_the_first[0].reason}")
         if self._fusion is not None:
             self._fusion.finish()
-        if self.keyframes is not None:
-            self.keyframes.finish()
+            self._make_records(self._fusion)
 
     def write(self, directory: Path, end: str) -> None:
         """Write all files of a run except its settings.
@@ -144,13 +146,21 @@ class Playback:
     def _track(self, frame: Frame) -> None:
         tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, self._prediction(frame.stamp_ns))
         self.map.add(tracked.status)
-        if self.keyframes is not None:
-            self.keyframes.add(tracked.image, tracked.status)
+        if self._recorder is not None:
+            for view in self._recorder.add(tracked.image, tracked.status):
+                self._maker.add_view(view)
         self.timing.add(tracked.status, tracked.total_ms)
         if tracked.status.T_world_camera is None:
             self._untracked.add(tracked.status.message)
         if self._fusion is not None:
             self._fusion.add(tracked.status)
+            self._make_records(self._fusion)
+
+    def _make_records(self, fusion: FusionPlayback) -> None:
+        if self._recorder is not None:
+            for pose in fusion.estimator.take_left():
+                self._maker.add_pose(pose)
+            self.records += self._maker.take(fusion.estimator.robot.T_base_camera)
 
     def _prediction(self, stamp_ns: int) -> Optional[CameraMotion]:
         if not self._predict or self._fusion is None or self.visual.last is None:

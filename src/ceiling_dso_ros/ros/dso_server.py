@@ -13,7 +13,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from ceiling_dso_ros.cfg import DsoConfig
-from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryConfig, OdometryStatus
+from ceiling_dso_ros.dso import CameraMotion, ConfigError, OdometryConfig, OdometryStatus, warmup
 from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialScheduler
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
@@ -40,6 +40,7 @@ from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
 from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_trigger
 from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
+from ceiling_dso_ros.ros.view_publisher import ViewPublisher
 
 QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
 BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old images would wait in the socket
@@ -78,6 +79,7 @@ class DsoServer:
         visual_odometry/keyframes (Keyframes): these keyframes alone, latched.
         visual_odometry/points (sensor_msgs/PointCloud2): the window's points, when it changed and somebody listens.
         visual_odometry/debug_image (sensor_msgs/Image): the image with the points, when somebody listens.
+        visual_odometry/views (KeyframeView): what keyframes show that have left the window, when somebody listens.
         /diagnostics
 
     Services:
@@ -115,9 +117,10 @@ class DsoServer:
 
         self._calibrations = CalibrationInput(parameters.file_path(own.calibration), own.rectified)
         self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
-        load_kernels()
+        load_kernels(warmup.load_kernels)
         self._predictions = MotionPredictions() if own.motion_prediction else None
         self._publisher, self._map = OdometryPublisher(), MapPublisher()
+        self._views = ViewPublisher(self._clock.stamp_ns)
         self._reconfigure_server = ReconfigureServer(DsoConfig, self._reconfigure)
         self._offer_services()
         diagnostics.Diagnostics(self._report, "camera")
@@ -185,7 +188,8 @@ class DsoServer:
         status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
         self._status = status
         self._publisher.publish_status(status)
-        if tracked is not None:  # for display, so after what the robot waits for
+        if tracked is not None and self._run is not None:  # for display and the map, so after what the robot waits for
+            self._views.add(tracked, self._run.odometry.camera, status.camera_frame_id)
             self._show(header, status.camera_frame_id, tracked)
 
     def _track(self, message: AnyImage, header: Header) -> Tuple[VisualOdometryStatus, Optional[TrackedImage]]:
@@ -279,6 +283,7 @@ class DsoServer:
         self._clock.reset()
         self._keeper.clear()
         self._publisher.reset()
+        self._views.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
         require_frame_rate(settings.frame_rate, "frame_rate=")

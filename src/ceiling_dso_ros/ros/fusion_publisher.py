@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 from ceiling_dso_ros.cfg import FusionConfig
 from ceiling_dso_ros.dso import CameraMotion
 from ceiling_dso_ros.fusion.state import FusedState, FusionState, ScaleState
-from ceiling_dso_ros.msg import FusionScale, FusionStatus, MotionPrediction
+from ceiling_dso_ros.msg import FusionScale, FusionStatus, LeftKeyframe, MotionPrediction
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
 from ceiling_dso_ros.ros.paths import PathPublisher
 from ceiling_dso_ros.ros.planar_messages import planar_odometry
@@ -39,6 +39,7 @@ class FusionPublisher:
         self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=50, tcp_nodelay=True)
         self._scale = rospy.Publisher("fusion/scale", FusionScale, queue_size=50)
         self._status = rospy.Publisher("fusion/status", FusionStatus, queue_size=50)
+        self._left = rospy.Publisher("fusion/left_keyframes", LeftKeyframe, queue_size=50)
         self._path = PathPublisher("fusion/path", spacing=PATH_SPACING_M)
         self._prediction = rospy.Publisher(
             "fusion/motion_prediction", MotionPrediction, queue_size=10, tcp_nodelay=True
@@ -71,6 +72,12 @@ class FusionPublisher:
         status.header, status.state, status.reasons = header, STATES[state.state], list(state.reasons)
         self._status.publish(status)
         self._path.add(PoseStamped(header, odometry.pose.pose))
+
+    def publish_left(self, message: LeftKeyframe) -> None:
+        """Publish a keyframe that has left the window, if somebody listens; all but its frame is set."""
+        if self._left.get_num_connections() > 0:
+            message.header.frame_id = self._odom_frame
+            self._left.publish(message)
 
     def publish_prediction(self, motion: Optional[CameraMotion], start_ns: int, end_ns: int, segment: int) -> None:
         """Publish the predicted motion of the camera between two of its stamps, if it is known."""

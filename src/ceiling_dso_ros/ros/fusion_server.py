@@ -34,6 +34,7 @@ from ceiling_dso_ros.ros.conversions import ros_time
 from ceiling_dso_ros.ros.data_clock import StampKind
 from ceiling_dso_ros.ros.fusion_publisher import FusionPublisher
 from ceiling_dso_ros.ros.image_order import CAMERA_AHEAD_NS, ImageOrder
+from ceiling_dso_ros.ros.keyframe_messages import left_messages
 from ceiling_dso_ros.ros.metric_map import MetricMap
 from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import FusionParameters
@@ -65,6 +66,7 @@ class FusionServer:
         fusion/points (sensor_msgs/PointCloud2), fusion/keyframes (geometry_msgs/PoseArray): what the camera sees now,
             in metres and in odom, when somebody listens.
         fusion/motion_prediction (MotionPrediction): with each pose, when somebody listens.
+        fusion/left_keyframes (LeftKeyframe): keyframes that have left the odometry's window, when somebody listens.
         /tf: odom -> base_link, see ~publish_tf and ~tf_mode.
         /diagnostics
 
@@ -261,6 +263,8 @@ class FusionServer:
         with publishing():
             self._publisher.publish(stamp, state, self._counts)
             self._transform.send(stamp, state.pose, self._wheel_frame, self._wheel_pose)
+            for left in left_messages(self._estimator, self._clock):
+                self._publisher.publish_left(left)
 
     def _predict(self) -> None:
         newest, now_ns = self._newest_status, self._clock.last_ns

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Loads the compiled kernels of the odometry before a node starts to work."""
+"""Loads compiled kernels before a node starts to work."""
 
 import threading
 import time
-from typing import List
+from typing import Callable, List
 
 import rospy
 
-from ceiling_dso_ros.dso import warmup
 
+def load_kernels(load_with: Callable[[Callable[[str], None]], None]) -> None:
+    """Have all kernels ready before the first message; returns early when the node is shut down.
 
-def load_kernels() -> None:
-    """Have all kernels ready before the first image; returns early when the node is shut down.
+    Args:
+        load_with: `load_kernels` of a warm-up.
 
     Raises:
         Exception: the error of the compilation or the loading.
@@ -20,7 +21,7 @@ def load_kernels() -> None:
 
     def load() -> None:
         try:
-            warmup.load_kernels(rospy.loginfo)
+            load_with(rospy.loginfo)
         except Exception as error:  # goes on in the main thread
             errors.append(error)
 

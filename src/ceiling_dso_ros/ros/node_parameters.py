@@ -147,6 +147,28 @@ class FusionParameters:
 
 
 @dataclass(frozen=True)
+class MapParameters:
+    """Parameters of map_node."""
+
+    map: str = ""  # file of the map to begin with; none by default
+    mapping: bool = True  # build the map; false: only find the robot in it
+    save: str = ""  # file to which the map is written when the node ends; not at all by default
+    map_frame: str = "map"
+    odom_frame: str = "odom"  # frame of odometry/filtered
+    publish_tf: bool = True
+    transform_tolerance: float = 0.1  # seconds by which map -> odom is stamped ahead
+    silence: float = 0.5  # seconds without odometry until the diagnostics report it
+
+    def check(self) -> None:
+        """Raise ConfigError when a value is out of range."""
+        _require_frames(self, "map_frame", "odom_frame")
+        map_frame, odom_frame = self.map_frame.lstrip("/"), self.odom_frame.lstrip("/")
+        require(map_frame != odom_frame, f"map_frame and odom_frame are both {map_frame}: two frames are needed")
+        _require_range(self, "transform_tolerance", 0.0, 10.0)
+        _require_range(self, "silence", *SILENCE_S)
+
+
+@dataclass(frozen=True)
 class SimulationParameters:
     """Parameters of simulation_node."""
 

@@ -6,7 +6,7 @@ Images are compared without their coarse brightness (a wide blur is subtracted):
 
 import math
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -105,13 +105,17 @@ class Aligner:
             motion, self._covariance(H, sums, a.record.height_m), min(forth[0], back[0]), int(forth[1] + back[1])
         )
 
-    def others(self, a: PreparedView, b: PreparedView, found: Alignment, share: float) -> np.ndarray:
+    def others(
+        self, a: PreparedView, b: PreparedView, found: Alignment, share: float,
+        admits: Optional[Callable[[np.ndarray], np.ndarray]] = None,
+    ) -> np.ndarray:  # fmt: skip
         """Other motions T_a_b under which the views agree nearly as well, (K, 3), the best first.
 
         Args:
             a, b: the views.
             found: the alignment.
             share: of its correlation, from which on another motion counts.
+            admits: says which of (N, 3) motions are possible, (N,) bool; all by default.
         """
         level, height_m = SEARCH_LEVEL, a.record.height_m
         pixel_m = self.pixel_m(height_m, level)
@@ -127,6 +131,7 @@ class Aligner:
             turned = _turned_about(found.motion, middle, turn)
             motions = np.repeat(turned[None], len(shifts), axis=0)
             motions[:, :2] += shifts @ planar.rotation(turned[2]).T
+            motions = motions if admits is None else motions[admits(motions)]
             scores = correlations(points, grey, image, width, height, camera, motions)
             apart = np.hypot(*(motions - found.motion)[:, :2].T) if turn == 0.0 else np.full(len(motions), np.inf)
             likely = (

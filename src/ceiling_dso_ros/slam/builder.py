@@ -3,7 +3,8 @@
 
 The first session begins the map. Each further one is joined when it is localised in what there is so far. A keyframe
 that sees a known place again closes a loop, once several keyframes along the way agree. A keyframe whose place the map
-shows already, under the same light, is let go later: the map grows with the area, not with the time driven.
+shows already, under the same light, is let go later, and so is one whose place has many views: the map grows with the
+area, not with the time driven. A robot that should see known places and does not was carried away: its session ends.
 """
 
 from typing import Dict, List, NamedTuple, Optional, Tuple
@@ -11,9 +12,9 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.slam.deciding import Gate, Sighting, agreeing, carried
+from ceiling_dso_ros.slam.deciding import Gate, Place, Sighting, agreeing, carried
 from ceiling_dso_ros.slam.graph import PoseGraph
-from ceiling_dso_ros.slam.localiser import Localisation, Localiser
+from ceiling_dso_ros.slam.localiser import EXPECTED_M, MOST_MISSES, Hypothesis, Localisation, Localiser
 from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera
 from ceiling_dso_ros.slam.site_map import Edge, MapKeyframe, SiteMap, nearest_places
 from ceiling_dso_ros.slam.verification import Verified, Verifier
@@ -26,6 +27,8 @@ REACH_M = 2.0
 CANDIDATES = 4
 COVERED_M, COVERED_RAD = 0.5, 0.8
 SAME_LIGHT = 25.0  # grey levels of the mean
+MOST_VIEWS = 4  # of places within COVERED_M of each other, whatever their light
+MOST_UNPLACED = 60  # newest keyframes of a session that is not localised yet; older ones never become part of the map
 
 
 class Decision(NamedTuple):
@@ -49,18 +52,21 @@ class SiteBuilder:
     """Builds a map.
 
     Attributes:
+        camera: of all records.
         graph: poses of the keyframes that are kept.
-        decisions: of all comparisons so far.
     """
 
-    def __init__(self, camera: RecordCamera) -> None:
-        self._camera = camera
+    def __init__(self, camera: RecordCamera, site: Optional[SiteMap] = None) -> None:
+        """Begin a map, or continue one."""
+        self.camera = camera
         self._verifier = Verifier(camera)
         self.graph = PoseGraph()
-        self.decisions: List[Decision] = []
+        self._decisions: List[Decision] = []  # since the last keyframe
         self._records: Dict[int, Tuple[KeyframeRecord, int]] = {}  # number -> record, session
         self._session = -1
         self._next = 0
+        if site is not None:
+            self._continue(site)
         self.begin_session()
 
     def begin_session(self) -> None:
@@ -72,6 +78,7 @@ class SiteBuilder:
         self._localiser: Optional[Localiser] = None
         self._unplaced: List[Step] = []
         self._covered: List[int] = []
+        self._misses: List[int] = []  # keyframes that should have seen the map and did not, since the last that did
         if self.graph.poses:
             self._localiser = Localiser(self.site(), self._verifier)
 
@@ -80,18 +87,58 @@ class SiteBuilder:
         """Whether the current session is part of the map."""
         return self._localiser is None
 
-    def add(self, record: KeyframeRecord) -> None:
-        """Use a keyframe; those of one session must come in their order."""
+    @property
+    def state(self) -> Localisation:
+        """Of the current session."""
+        return Localisation.LOCALISED if self._localiser is None else self._localiser.state
+
+    @property
+    def hypotheses(self) -> List[Hypothesis]:
+        """Places where a session that is not placed may be, the best first."""
+        return [] if self._localiser is None else self._localiser.hypotheses
+
+    @property
+    def last(self) -> Optional[Step]:
+        """The last keyframe of the session that was used."""
+        if self._localiser is not None:
+            return self._localiser.last
+        return self._steps[-1][1] if self._steps else None
+
+    @property
+    def place(self) -> Optional[Place]:
+        """Where the robot was at the last keyframe; None unless the session is placed."""
+        if self._localiser is not None or not self._steps:
+            return None
+        number, _ = self._steps[-1]
+        return Place(self.graph.poses[number], self.graph.covariance(number))
+
+    def believe(self, place: Place) -> None:
+        """Look for the robot near a place that somebody has named; see `Localiser.believe`."""
+        if self.graph.poses:
+            self.begin_session()
+        if self._localiser is not None:
+            self._localiser.believe(place)
+
+    def add(self, record: KeyframeRecord) -> List[Decision]:
+        """Use a keyframe; those of one session must come in their order.
+
+        Returns:
+            What became of comparisons, those with this keyframe and earlier ones that had to wait.
+        """
+        self._decisions = []
         if self._localiser is not None:
             self._seek(record, self._localiser)
-            return
+            return self._decisions
         step = self._way.add(record)
         if step is None:
-            return
+            return []
         number = self._append(step)
         self._look_around(number, step)
         self._close_loops()
         self._let_go()
+        if len(self._misses) >= MOST_MISSES:
+            self._carried_away()
+        return self._decisions
 
     def site(self) -> SiteMap:
         """The map so far."""
@@ -102,7 +149,16 @@ class SiteBuilder:
             record, session = self._records[number]
             keyframes.append(MapKeyframe(record, self.graph.poses[number], session))
         edges = [edge._replace(start=index[edge.start], end=index[edge.end]) for edge in self.graph.edges]
-        return SiteMap(self._camera, tuple(keyframes), tuple(edges))
+        return SiteMap(self.camera, tuple(keyframes), tuple(edges))
+
+    def _continue(self, site: SiteMap) -> None:
+        for number, keyframe in enumerate(site.keyframes):
+            self.graph.place(number, keyframe.pose)
+            self._records[number] = keyframe.record, keyframe.session
+        for edge in site.edges:
+            self.graph.connect(edge)
+        self._next = len(site.keyframes)
+        self._session = max((keyframe.session for keyframe in site.keyframes), default=-1)
 
     def _append(self, step: Step) -> int:
         number = self._next
@@ -110,10 +166,10 @@ class SiteBuilder:
         self._records[number] = step.record, self._session
         if self._steps:
             before, _ = self._steps[-1]
-            self.graph.poses[number] = planar.compose(self.graph.poses[before], step.motion)
-            self.graph.edges.append(Edge(before, number, step.motion, step.covariance, False))
-        elif not self.graph.poses:
-            self.graph.poses[number] = step.record.pose.copy()
+            self.graph.place(number, planar.compose(self.graph.poses[before], step.motion))
+            self.graph.connect(Edge(before, number, step.motion, step.covariance, False))
+        elif number not in self.graph.poses:
+            self.graph.place(number, step.record.pose)
         self._steps.append((number, step))
         return number
 
@@ -128,7 +184,7 @@ class SiteBuilder:
         covariances = self.graph.covariances_from(number, near)
         for target in near:
             gate = Gate(self.graph.predicted(target, number), covariances[target])
-            found = self._verifier.verify(self._records[target][0], step.record, gate.expected)
+            found = self._verifier.verify(self._records[target][0], step.record, gate)
             if not isinstance(found, Verified):
                 self._decide(number, target, found.reason, None)
                 continue
@@ -138,6 +194,10 @@ class SiteBuilder:
                 self._decide(number, target, reason, found.motion)
             else:
                 self._waiting.append(seen)
+        if any(seen.query == number for seen in self._waiting):
+            self._misses = []
+        elif nearest_places(poses, self.graph.poses[number], EXPECTED_M, 1):
+            self._misses.append(number)
 
     def _close_loops(self) -> None:
         """Turn sightings that agree into loops."""
@@ -168,12 +228,12 @@ class SiteBuilder:
     def _decide(self, query: int, target: int, reason: str, motion: Optional[np.ndarray]) -> None:
         """Note what became of a comparison; without a reason against it, it is a loop."""
         stamps_ns = self._records[query][0].stamp_ns, self._records[target][0].stamp_ns
-        self.decisions.append(Decision(*stamps_ns, not reason, reason, motion))
+        self._decisions.append(Decision(*stamps_ns, not reason, reason, motion))
 
     def _implied(self, seen: Sighting) -> Tuple[int, np.ndarray, np.ndarray]:
         """Pose in map of the newest keyframe by a sighting of a recent one, with its covariance."""
         pose, covariance = planar.compose(self.graph.poses[seen.target], seen.motion), seen.covariance
-        for number, step in self._steps:
+        for number, step in self._steps[-RECENT_STEPS:]:
             if number > seen.query:
                 pose = planar.compose(pose, step.motion)
                 covariance = carried(covariance, step.motion, step.covariance)
@@ -189,48 +249,57 @@ class SiteBuilder:
     def _let_go(self) -> None:
         """Remove what shows nothing new and is not needed for decisions any more."""
         recent = {number for number, _ in self._steps[-RECENT_STEPS:]}
-        for number in [n for n in self._covered if n not in recent]:
+        if len(self._steps) > RECENT_STEPS and self._is_crowded(self._steps[-RECENT_STEPS - 1][0]):
+            self._covered.append(self._steps[-RECENT_STEPS - 1][0])
+        for number in dict.fromkeys(n for n in self._covered if n not in recent):
             self.graph.let_go(number)
             del self._records[number]
-            self._covered.remove(number)
+        self._covered = [number for number in self._covered if number in recent]
         self._steps = [entry for entry in self._steps if entry[0] in self.graph.poses]
 
+    def _is_crowded(self, number: int) -> bool:
+        """Whether there are enough views of a keyframe's place without it; the map's first one always stays."""
+        poses = np.array(list(self.graph.poses.values()))
+        near = nearest_places(poses, self.graph.poses[number], COVERED_M, MOST_VIEWS + 1)
+        return number != min(self.graph.poses) and len(near) > MOST_VIEWS
+
+    def _carried_away(self) -> None:
+        """End the session where it last agreed with the map, and look for the robot."""
+        first = self._misses[0]
+        self._withdraw([number for number, _ in self._steps if number >= first])
+        self.begin_session()
+
     def _seek(self, record: KeyframeRecord, localiser: Localiser) -> None:
-        """Wait until the session is localised; then all of its keyframes become part of the map."""
+        """Wait until the session is localised; then its newest keyframes become part of the map."""
         before = localiser.last
         state = localiser.add(record)
         if localiser.last is before or localiser.last is None:
             return
-        self._unplaced.append(localiser.last)
-        if state is not Localisation.LOCALISED or localiser.T_map_odom is None:
+        self._unplaced = [*self._unplaced[1 - MOST_UNPLACED :], localiser.last]
+        if state is not Localisation.LOCALISED or localiser.pose is None:
             return
-        numbers = sorted(self.graph.poses)
-        origin = localiser.T_map_odom
-        sightings = localiser.hypotheses[0].sightings
-        first = self._next
-        for step in self._unplaced:
-            number = self._append(step)
-            if len(self._steps) == 1:
-                self.graph.poses[number] = planar.compose(origin, step.record.pose)
-        loops = [
-            Edge(numbers[s.target], first + s.query, s.motion, s.covariance, True)
-            for s in sightings
-            if not len(s.others)
+        known = sorted(self.graph.poses)
+        pose = localiser.pose
+        for step in reversed(self._unplaced[1:]):
+            pose = planar.compose(pose, planar.inverse(step.motion))
+        self.graph.place(self._next, pose)
+        own = {step.number: self._append(step) for step in self._unplaced}
+        seen_again = [
+            Sighting(own[s.query], known[s.target], s.motion, s.covariance, s.others)
+            for s in localiser.hypotheses[0].sightings
+            if not len(s.others) and s.query in own
         ]
-        reason = self.graph.close(loops)
-        if reason:  # as if the session had not been localised
-            self._withdraw(first)
+        if self.graph.close([Edge(s.target, s.query, s.motion, s.covariance, True) for s in seen_again]):
+            self._withdraw(list(own.values()))  # as if the session had not been localised
+            self._steps, self._unplaced = [], []
+            self._localiser = Localiser(self.site(), self._verifier)
             return
         self._localiser = None
         self._way = localiser.way
-        for edge in loops:
-            self._decide(edge.end, edge.start, "", edge.motion)
+        self._settle(seen_again, "")
 
-    def _withdraw(self, first: int) -> None:
-        self.graph.edges = [edge for edge in self.graph.edges if edge.end < first]
-        for number in range(first, self._next):
-            del self.graph.poses[number], self._records[number]
-        self._next = first
-        self._steps = []
-        self._unplaced = []
-        self._localiser = Localiser(self.site(), self._verifier)
+    def _withdraw(self, numbers: List[int]) -> None:
+        """Remove the newest keyframes as if they had never come."""
+        self.graph.remove(numbers)
+        for number in numbers:
+            del self._records[number]

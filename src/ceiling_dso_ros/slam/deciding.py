@@ -16,6 +16,13 @@ LARGEST_DIFFERENCE_M = 0.15  # between sightings that agree
 LARGEST_DIFFERENCE_RAD = 0.02
 
 
+class Place(NamedTuple):
+    """A (3,) pose of base_link in map with its (3, 3) covariance, as in `fusion.planar`."""
+
+    pose: np.ndarray
+    covariance: np.ndarray
+
+
 class Sighting(NamedTuple):
     """A keyframe of the map that was seen again.
 
@@ -70,9 +77,25 @@ class Gate(NamedTuple):
         far = distance(self.predicted, total, sighting.motion)
         if far > GATE:
             return f"outside of the gate: {np.sqrt(far):.1f} sigma"
-        if any(distance(self.predicted, total, other) < WIDE_GATE for other in sighting.others):
+        if self.admits(sighting.others, sighting.covariance).any():
             return "ambiguous: another motion within the gate explains it as well"
         return ""
+
+    def admits(self, motions: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """Which of (N, 3) motions T_target_query count as other explanations of a sighting, (N,) bool.
+
+        Args:
+            motions: by the images.
+            covariance: (3, 3) of the sighting.
+        """
+        total = self.covariance + covariance
+        turns = np.pi - (np.pi - (motions[:, 2] - self.predicted[2])) % (2.0 * np.pi)
+        result = turns**2 < WIDE_GATE * total[2, 2]  # most are beyond the gate by their turn alone
+        near = np.flatnonzero(result)
+        shifts = (motions[near, :2] - self.predicted[:2]) @ planar.rotation(self.predicted[2])
+        error = np.column_stack([shifts, turns[near]])
+        result[near] = np.einsum("ni,in->n", error, np.linalg.solve(total, error.T)) < WIDE_GATE
+        return result
 
 
 def agreeing(estimates: Sequence[Tuple[int, np.ndarray, np.ndarray]]) -> List[List[int]]:

@@ -1,67 +1,106 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The pose graph of the map: gtsam with native factors."""
+"""The pose graph of the map: gtsam with native factors.
 
-from typing import Dict, Iterable, List, Sequence
+Factors and values are kept between the keyframes, and marginals are computed of the keyframes that are asked for: the
+cost of a keyframe depends on the size of the graph, which is that of the area.
+"""
+
+from typing import Dict, Iterable, List, NamedTuple, Sequence
 
 import gtsam
 import numpy as np
 
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.slam.deciding import carried, distance
+from ceiling_dso_ros.slam.deciding import carried
 from ceiling_dso_ros.slam.site_map import Edge
 
 ANCHOR_SIGMA = 1e-4  # metres and rad: where the map begins
 LARGEST_BEND = 14.16  # squared Mahalanobis distance, 3 sigma of three dimensions
-GNC_PROBABILITY = 0.99  # with which a right loop is within the inliers' threshold
-LEAST_WEIGHT = 0.5
+LARGEST_MISFIT = 11.34  # squared Mahalanobis distance of a loop that is right, one in a hundred exceeds it
+
+
+class _Part(NamedTuple):
+    """An edge with its factor."""
+
+    edge: Edge
+    factor: gtsam.BetweenFactorPose2
 
 
 class PoseGraph:
     """Poses of keyframes, by number, and the edges between them.
 
     Attributes:
-        poses: number -> (3,) pose in map.
-        edges: all edges.
+        poses: number -> (3,) pose in map; `place` adds one.
     """
 
     def __init__(self) -> None:
         self.poses: Dict[int, np.ndarray] = {}
-        self.edges: List[Edge] = []
+        self._values = gtsam.Values()  # the same
+        self._parts: List[_Part] = []
+
+    @property
+    def edges(self) -> List[Edge]:
+        """All edges."""
+        return [part.edge for part in self._parts]
+
+    def place(self, number: int, pose: np.ndarray) -> None:
+        """Add a keyframe at a (3,) pose in map."""
+        self.poses[number] = np.asarray(pose, np.float64).copy()
+        self._values.insert(number, gtsam.Pose2(*pose))
+
+    def connect(self, edge: Edge) -> None:
+        """Add an edge between two keyframes; no pose changes."""
+        self._parts.append(_part(edge))
+
+    def remove(self, numbers: Iterable[int]) -> None:
+        """Remove keyframes with all of their edges."""
+        gone = set(numbers)
+        self._parts = [part for part in self._parts if not gone & {part.edge.start, part.edge.end}]
+        for number in gone:
+            self._erase(number)
 
     def predicted(self, start: int, end: int) -> np.ndarray:
         """T_start_end by the estimate, (3,)."""
         return planar.between(self.poses[start], self.poses[end])
 
-    def covariances_from(self, end: int, starts: Iterable[int]) -> Dict[int, np.ndarray]:
+    def covariances_from(self, end: int, starts: Sequence[int]) -> Dict[int, np.ndarray]:
         """Covariance of T_start_end of several starts, (3, 3) each."""
-        marginals = gtsam.Marginals(_factors(self.poses, self.edges), _values(self.poses))
+        joint = _Joint(self._factors([]).linearize(self._values), [end, *starts])
         result = {}
         for start in starts:
-            keys = gtsam.KeyVector([start, end])
-            joint = marginals.jointMarginalCovariance(keys)
             to_end = -planar.adjoint(planar.inverse(self.predicted(start, end)))
-            cross = to_end @ joint.at(start, end)
-            result[start] = to_end @ joint.at(start, start) @ to_end.T + cross + cross.T + joint.at(end, end)
+            cross = to_end @ joint.between(start, end)
+            result[start] = to_end @ joint.between(start, start) @ to_end.T + cross + cross.T + joint.between(end, end)
         return result
+
+    def covariance(self, number: int) -> np.ndarray:
+        """Covariance of a pose in map, (3, 3)."""
+        return _Joint(self._factors([]).linearize(self._values), [number]).between(number, number)
 
     def close(self, loops: Sequence[Edge]) -> str:
         """Add loops and solve the graph, or change nothing.
 
+        Every loop must agree with the solution that all of them have together. That is what graduated non-convexity
+        would ask, too, before it keeps all of them, so only its first step is computed.
+
         Returns:
             Why they were not added, in words; empty if they were.
         """
-        edges = [*self.edges, *loops]
+        parts = [_part(loop) for loop in loops]
         try:
-            outliers = len(loops) - len(_inliers(self.poses, self.edges, loops))
-            if outliers:
-                return f"{outliers} of {len(loops)} loops are outliers of the graph"
-            poses = _solved(self.poses, edges)
+            values = gtsam.LevenbergMarquardtOptimizer(self._factors(parts), self._values).optimize()
         except RuntimeError as error:
             return f"the graph has no solution: {error}"
-        bend = max((_bend(poses, edge) for edge in edges if not edge.is_loop), default=0.0)
+        outliers = sum(_bend(part, values) > LARGEST_MISFIT for part in parts)
+        if outliers:
+            return f"{outliers} of {len(loops)} loops are outliers of the graph"
+        bend = max((_bend(part, values) for part in self._parts if not part.edge.is_loop), default=0.0)
         if bend > LARGEST_BEND:
             return f"a motion of the odometry would have to bend by {np.sqrt(bend):.1f} sigma"
-        self.poses, self.edges = poses, edges
+        found = {number: values.atPose2(number) for number in self.poses}
+        self.poses = {number: np.array([pose.x(), pose.y(), pose.theta()]) for number, pose in found.items()}
+        self._values = values
+        self._parts += parts
         return ""
 
     def let_go(self, number: int) -> None:
@@ -69,16 +108,54 @@ class PoseGraph:
 
         A loop that ends here is continued by the next edge of the odometry, unless the next keyframe has its own.
         """
-        into = [edge for edge in self.edges if edge.end == number]
-        out = [edge for edge in self.edges if edge.start == number]
-        rest = [edge for edge in self.edges if number not in (edge.start, edge.end)]
+        into = [part.edge for part in self._parts if part.edge.end == number]
+        out = [part.edge for part in self._parts if part.edge.start == number]
+        rest = [part for part in self._parts if number not in (part.edge.start, part.edge.end)]
         for after in (edge for edge in out if not edge.is_loop):
-            has_loop = any(edge.is_loop and edge.end == after.end for edge in rest)
+            has_loop = any(part.edge.is_loop and part.edge.end == after.end for part in rest)
             for before in into:
                 if not (before.is_loop and has_loop):
-                    rest.append(_chained(before, after))
+                    rest.append(_part(_chained(before, after)))
+        self._erase(number)
+        self._parts = rest
+
+    def _erase(self, number: int) -> None:
         del self.poses[number]
-        self.edges = rest
+        self._values.erase(number)
+
+    def _factors(self, further: Sequence[_Part]) -> gtsam.NonlinearFactorGraph:
+        graph = gtsam.NonlinearFactorGraph()
+        first = min(self.poses)
+        anchor = gtsam.noiseModel.Isotropic.Sigma(3, ANCHOR_SIGMA)
+        graph.push_back(gtsam.PriorFactorPose2(first, gtsam.Pose2(*self.poses[first]), anchor))
+        for part in (*self._parts, *further):
+            graph.push_back(part.factor)
+        return graph
+
+
+class _Joint:
+    """Joint covariance of some poses of a linear graph; all others are eliminated."""
+
+    def __init__(self, linear: gtsam.GaussianFactorGraph, numbers: Sequence[int]) -> None:
+        ordering = gtsam.Ordering()
+        for number in numbers:
+            ordering.push_back(number)
+        net = linear.marginalMultifrontalBayesNet(ordering)
+        root, _ = net.matrix()
+        inverse = np.linalg.inv(root)
+        self._covariance = inverse @ inverse.T
+        order = [net.at(index).keys()[0] for index in range(net.size())]  # each eliminated one pose
+        self._first = {number: 3 * index for index, number in enumerate(order)}
+
+    def between(self, a: int, b: int) -> np.ndarray:
+        """(3, 3) covariance of the poses of two keyframes with each other."""
+        i, j = self._first[a], self._first[b]
+        return self._covariance[i : i + 3, j : j + 3]
+
+
+def _part(edge: Edge) -> _Part:
+    noise = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
+    return _Part(edge, gtsam.BetweenFactorPose2(edge.start, edge.end, gtsam.Pose2(*edge.motion), noise))
 
 
 def _chained(before: Edge, after: Edge) -> Edge:
@@ -87,41 +164,6 @@ def _chained(before: Edge, after: Edge) -> Edge:
     return Edge(before.start, after.end, motion, covariance, before.is_loop)
 
 
-def _bend(poses: Dict[int, np.ndarray], edge: Edge) -> float:
-    return distance(edge.motion, edge.covariance, planar.between(poses[edge.start], poses[edge.end]))
-
-
-def _values(poses: Dict[int, np.ndarray]) -> gtsam.Values:
-    values = gtsam.Values()
-    for number, pose in poses.items():
-        values.insert(number, gtsam.Pose2(*pose))
-    return values
-
-
-def _factors(poses: Dict[int, np.ndarray], edges: Sequence[Edge]) -> gtsam.NonlinearFactorGraph:
-    graph = gtsam.NonlinearFactorGraph()
-    first = min(poses)
-    anchor = gtsam.noiseModel.Isotropic.Sigma(3, ANCHOR_SIGMA)
-    graph.push_back(gtsam.PriorFactorPose2(first, gtsam.Pose2(*poses[first]), anchor))
-    for edge in edges:
-        noise = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
-        graph.push_back(gtsam.BetweenFactorPose2(edge.start, edge.end, gtsam.Pose2(*edge.motion), noise))
-    return graph
-
-
-def _solved(poses: Dict[int, np.ndarray], edges: Sequence[Edge]) -> Dict[int, np.ndarray]:
-    values = gtsam.LevenbergMarquardtOptimizer(_factors(poses, edges), _values(poses)).optimize()
-    found = {number: values.atPose2(number) for number in poses}
-    return {number: np.array([pose.x(), pose.y(), pose.theta()]) for number, pose in found.items()}
-
-
-def _inliers(poses: Dict[int, np.ndarray], edges: Sequence[Edge], loops: Sequence[Edge]) -> List[Edge]:
-    """Those of the new loops that graduated non-convexity keeps while all known edges are inliers."""
-    graph = _factors(poses, [*edges, *loops])
-    parameters = gtsam.GncLMParams()
-    parameters.setKnownInliers(list(range(len(edges) + 1)))
-    optimizer = gtsam.GncLMOptimizer(graph, _values(poses), parameters)
-    optimizer.setInlierCostThresholdsAtProbability(GNC_PROBABILITY)
-    optimizer.optimize()
-    weights = np.array(optimizer.getWeights())[len(edges) + 1 :]
-    return [loop for loop, weight in zip(loops, weights) if weight > LEAST_WEIGHT]
+def _bend(part: _Part, values: gtsam.Values) -> float:
+    """Squared Mahalanobis distance of an edge from a solution."""
+    return 2.0 * float(part.factor.error(values))

@@ -14,7 +14,7 @@ from typing import List, Optional, Set, Tuple
 import numpy as np
 
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.slam.deciding import GATE, Gate, Sighting, carried, distance
+from ceiling_dso_ros.slam.deciding import GATE, Gate, Place, Sighting, carried, distance
 from ceiling_dso_ros.slam.records import KeyframeRecord
 from ceiling_dso_ros.slam.site_map import Appearance, SiteMap, nearest_places
 from ceiling_dso_ros.slam.verification import Verified, Verifier
@@ -30,6 +30,9 @@ CLOSE_M, CLOSE_RAD = 0.3, 0.05  # of hypotheses that are one
 EXPECTED_M = 0.8  # a keyframe of the map so near should be seen
 MOST_MISSES = 6  # in a row, after which a localised robot is lost
 LOST_SIGMA_M = 0.5
+NAMED_SUPPORT = 2  # keyframes that must agree with a place that somebody has named
+MOST_HYPOTHESES = 50
+MOST_SIGHTINGS = 100  # of one hypothesis
 
 
 class Localisation(enum.Enum):
@@ -50,7 +53,8 @@ class Hypothesis:
         support: numbers of the keyframes that agree.
         first_m: way at the first of them.
         misses: keyframes that should have seen the map and did not.
-        sightings: those that agree.
+        sightings: the newest of those that agree.
+        is_named: somebody has said that the robot is here.
     """
 
     pose: np.ndarray
@@ -59,6 +63,7 @@ class Hypothesis:
     support: Set[int] = field(default_factory=set)
     misses: int = 0
     sightings: List[Sighting] = field(default_factory=list)
+    is_named: bool = False
 
     @property
     def score(self) -> int:
@@ -85,11 +90,13 @@ class Localiser:
         state: after the last keyframe.
         hypotheses: the places that are possible, the best first; one while localised.
         last: the last keyframe that was used.
+        refusal: why the last comparison with it was refused, in words; empty if it was not.
+        site: the map.
         way: of the session.
     """
 
     def __init__(self, site: SiteMap, verifier: Optional[Verifier] = None) -> None:
-        self._site = site
+        self.site = site
         self._poses = site.poses
         self._records = [keyframe.record for keyframe in site.keyframes]
         self._appearance = Appearance(self._records)
@@ -99,6 +106,7 @@ class Localiser:
         self.state = Localisation.SEARCHING
         self.hypotheses: List[Hypothesis] = []
         self.last: Optional[Step] = None
+        self.refusal = ""
 
     @property
     def pose(self) -> Optional[np.ndarray]:
@@ -111,6 +119,22 @@ class Localiser:
         if self.pose is None or self.last is None:
             return None
         return planar.compose(self.pose, planar.inverse(self.last.record.pose))
+
+    @property
+    def place(self) -> Optional[Place]:
+        """The pose with its covariance; None unless localised."""
+        best = self.hypotheses[0] if self.state is Localisation.LOCALISED else None
+        return None if best is None else Place(best.pose, best.covariance)
+
+    def believe(self, place: Place) -> None:
+        """Look for the robot near a place that somebody has named, at the last keyframe: fewer keyframes must agree."""
+        way_m = 0.0 if self.last is None else self.last.way_m
+        self.state, self._misses = Localisation.SEARCHING, 0
+        self.hypotheses = [Hypothesis(place.pose, place.covariance, way_m, is_named=True)]
+
+    def forget(self) -> None:
+        """Look for the robot everywhere."""
+        self.state, self.hypotheses, self._misses = Localisation.SEARCHING, [], 0
 
     def add(self, record: KeyframeRecord) -> Localisation:
         """Use a keyframe; those of one session must come in their order."""
@@ -132,7 +156,7 @@ class Localiser:
         gates = {
             target: Gate(planar.between(self._poses[target], believed.pose), believed.covariance) for target in near
         }
-        compared = [self._compare(step, target, gate.expected) for target, gate in gates.items()]
+        compared = [self._compare(step, target, gate) for target, gate in gates.items()]
         sightings = [seen for seen in compared if seen is not None]
         fitting = [seen for seen in sightings if not gates[seen.target].why_not(seen)]
         for seen in fitting:
@@ -143,7 +167,7 @@ class Localiser:
             self._misses += 1
         sigma_m = np.sqrt(np.linalg.eigvalsh(believed.covariance[:2, :2])[1])
         if self._misses >= MOST_MISSES or sigma_m > LOST_SIGMA_M:
-            self.state, self.hypotheses, self._misses = Localisation.SEARCHING, [], 0
+            self.forget()
 
     def _search(self, step: Step) -> None:
         targets = self._appearance.alike(step.record, CANDIDATES)
@@ -174,13 +198,13 @@ class Localiser:
                 hypothesis
                 for hypothesis in self.hypotheses
                 if distance(hypothesis.pose, hypothesis.covariance + covariance, place) < GATE
-                and _close(hypothesis.pose, place)
+                and (_close(hypothesis.pose, place) or (hypothesis.is_named and not hypothesis.support))
             ]
             for hypothesis in agreeing:
                 if step.number not in hypothesis.support:
                     hypothesis.correct(place, covariance)
                 hypothesis.support.add(step.number)
-                hypothesis.sightings.append(seen)
+                hypothesis.sightings = [*hypothesis.sightings[1 - MOST_SIGHTINGS :], seen]
             if not agreeing:
                 self.hypotheses.append(Hypothesis(place, covariance, step.way_m, {step.number}, 0, [seen]))
 
@@ -190,7 +214,7 @@ class Localiser:
         for hypothesis in self.hypotheses:
             if hypothesis.score > -2 and not any(_close(other.pose, hypothesis.pose) for other in kept):
                 kept.append(hypothesis)
-        self.hypotheses = kept
+        self.hypotheses = kept[:MOST_HYPOTHESES]
 
     def _decide(self, step: Step) -> None:
         self.state = Localisation.SEARCHING
@@ -201,14 +225,16 @@ class Localiser:
             number for number in best.support if any(s.query == number and not len(s.others) for s in best.sightings)
         ]
         enough = best.score >= SUPPORT and len(clear) >= SUPPORT // 2 and step.way_m - best.first_m >= SUPPORT_WAY_M
+        enough = enough or (best.is_named and best.score >= NAMED_SUPPORT and len(clear) >= NAMED_SUPPORT)
         rivals = [other for other in self.hypotheses[1:] if len(other.support) > RIVAL_SHARE * len(best.support)]
         if enough and not rivals:
             self.state, self.hypotheses, self._misses = Localisation.LOCALISED, [best], 0
         elif len(self.hypotheses) > 1 and best.score > 1:
             self.state = Localisation.AMBIGUOUS
 
-    def _compare(self, step: Step, target: int, expected: Optional[np.ndarray] = None) -> Optional[Sighting]:
-        found = self._verifier.verify(self._records[target], step.record, expected)
+    def _compare(self, step: Step, target: int, gate: Optional[Gate] = None) -> Optional[Sighting]:
+        found = self._verifier.verify(self._records[target], step.record, gate)
+        self.refusal = "" if isinstance(found, Verified) else found.reason
         if not isinstance(found, Verified):
             return None
         return Sighting(step.number, target, found.motion, found.covariance, found.others)

@@ -53,7 +53,7 @@ class RecordCamera:
 
     @classmethod
     def of(cls, camera: PinholeCamera, T_base_camera: np.ndarray) -> "RecordCamera":
-        """Of the undistorted images of a camera."""
+        """Of the images of a `KeyframeView`, or of undistorted ones that are as small."""
         return cls(shrunk(camera, _factor(camera.width, IMAGE_WIDTH_PX)), np.asarray(T_base_camera, np.float64))
 
     def same_as(self, other: "RecordCamera") -> bool:
@@ -95,6 +95,34 @@ class KeyframeRecord:
     def brightness(self) -> float:
         """Mean grey level."""
         return float(self.image.mean())
+
+
+@dataclass(frozen=True)
+class KeyframeView:
+    """What the odometry hands over of a keyframe that leaves its window.
+
+    Attributes:
+        stamp_ns: of its image, nanoseconds.
+        keyframe_id: as the odometry counts.
+        image: (height, width) uint8, undistorted, at most CORNERS_WIDTH_PX wide.
+        camera: of that image.
+        points: (N, 3) float32 in the camera's frame, z > 0, in view, VO units.
+    """
+
+    stamp_ns: int
+    keyframe_id: int
+    image: np.ndarray
+    camera: PinholeCamera
+    points: np.ndarray
+
+    @classmethod
+    def of(
+        cls, stamp_ns: int, keyframe_id: int, image: np.ndarray, camera: PinholeCamera, points: np.ndarray
+    ) -> "KeyframeView":
+        """Make the image smaller: (height, width) float32, undistorted, grey levels 0..255."""
+        factor = _factor(camera.width, CORNERS_WIDTH_PX)
+        small = np.asarray(points, np.float32)
+        return cls(stamp_ns, keyframe_id, _reduced(image, factor), handed_over(camera), small)
 
 
 @dataclass(frozen=True)
@@ -145,6 +173,11 @@ class View:
         return KeyframeRecord(stamp_ns, pose, step_covariance, self.image, in_base(self.points), corners)
 
 
+def handed_over(camera: PinholeCamera) -> PinholeCamera:
+    """The camera of the images of a `KeyframeView`, from that of the odometry's images."""
+    return shrunk(camera, _factor(camera.width, CORNERS_WIDTH_PX))
+
+
 def shrunk(camera: PinholeCamera, factor: int) -> PinholeCamera:
     """The camera of images whose pixels are the means of factor x factor pixels."""
     cx, cy = (camera.cx + 0.5) / factor - 0.5, (camera.cy + 0.5) / factor - 0.5
@@ -189,7 +222,7 @@ def _depths(pixels: np.ndarray, camera: PinholeCamera, points: np.ndarray) -> np
     u, v = pixels_of(Intrinsics(*camera.parameters), *(points[:, :2] / points[:, 2:]).T)
     apart = (pixels[:, 0:1] - u) ** 2 + (pixels[:, 1:2] - v) ** 2
     count = min(DEPTH_NEIGHBOURS, len(points))
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, :count]
+    nearest = np.argpartition(apart, count - 1, axis=1)[:, :count]
     near = np.take_along_axis(apart, nearest, axis=1) < DEPTH_REACH_PX**2
     depths = np.where(near, points[nearest, 2], np.nan)
     result = np.full(len(pixels), np.nan)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.slam.alignment import Aligner, Alignment, PreparedView
+from ceiling_dso_ros.slam.deciding import Gate
 from ceiling_dso_ros.slam.matching_kernels import motions_of_pairs, nearest
 from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera
 
@@ -63,19 +64,18 @@ class Verifier:
         # With the record itself: otherwise a new one could have the id of one that is gone.
         self._prepared: OrderedDict[int, Tuple[KeyframeRecord, PreparedView]] = OrderedDict()
 
-    def verify(
-        self, a: KeyframeRecord, b: KeyframeRecord, expected: Optional[np.ndarray] = None
-    ) -> Union[Verified, Refused]:
+    def verify(self, a: KeyframeRecord, b: KeyframeRecord, gate: Optional[Gate] = None) -> Union[Verified, Refused]:
         """Compare two records, whatever their poses are.
 
         Args:
             a, b: the records.
-            expected: (3,) T_a_b, if it is known within a pixel or two: where the corners say nothing, the images are
-                aligned from there.
+            gate: where b is expected, seen from a. Other explanations beyond it are not looked for. If it is narrow,
+                the images are aligned from there where the corners say nothing.
         """
         guess = self._guess(a, b)
         least = LEAST_CORRELATION
         if isinstance(guess, Refused):
+            expected = None if gate is None else gate.expected
             if expected is None:
                 return guess
             guess, least = (expected, 0), LEAST_EXPECTED_CORRELATION
@@ -89,7 +89,9 @@ class Verifier:
                 refusal = f"corners and images disagree by {moved:.2f} m"
         if refusal or found is None:
             return Refused(refusal)
-        others = self._aligner.others(*views, found, OTHERS_SHARE)
+        covariance = found.covariance
+        admits = None if gate is None else lambda motions: gate.admits(motions, covariance)
+        others = self._aligner.others(*views, found, OTHERS_SHARE, admits)
         return Verified(found.motion, found.covariance, inliers, found.correlation, others)
 
     @staticmethod

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Callable, Optional, Set
+from typing import Callable, Optional, Sequence, Set
 
 import llvmlite.binding as llvm
 import numba
@@ -25,19 +25,19 @@ def python_tag() -> str:
     return f"py{sys.version_info.major}{sys.version_info.minor}"
 
 
-def complete_marker(kernel: Callable[..., object], sources: Path, name: str) -> Optional[Path]:
+def complete_marker(kernel: Callable[..., object], sources: Sequence[Path], name: str) -> Optional[Path]:
     """The file that says that the cache is complete; None where nothing can be cached.
 
     Args:
         kernel: one of the kernels, beside whose machine code the file is.
-        sources: folder of all that the kernels are made of.
+        sources: folders of all that the kernels are made of.
         name: of the file, without its endings.
     """
     folder = cache_folder(kernel)
     if folder is None:
         return None
     digest = hashlib.sha256()
-    for path in sorted(sources.rglob("*.py")):
+    for path in (path for folder in sources for path in sorted(folder.rglob("*.py"))):
         digest.update(path.read_bytes())
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
     for text in (sys.version, numba.__version__, llvm.get_host_cpu_name(), features):
