@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import pytest
 
-from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
+from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, FOLLOWERS, DataClock, StampKind
 
 START_NS = 1_732_800_000_123_456_789
 STEP_NS = 20_000_000
@@ -112,3 +112,20 @@ def test_stamps_that_are_wrong_by_a_century_do_not_add_up():
         clock.set_back(stamp_ns)
         assert clock.stamp_ns(clock.last_ns) == stamp_ns
         assert clock.inner_ns(stamp_ns) == clock.last_ns == START_NS + (2 * k - 1) * STEP_NS
+
+
+@pytest.mark.parametrize("back_ns", [210_000_000, 300_000_000, BACKWARDS_NS])
+def test_a_clock_that_is_set_back_by_little_is_known_by_the_stamps_that_follow(back_ns):
+    clock = clock_after(START_NS, START_NS + STEP_NS)
+    stamps_ns = [START_NS + (2 + k) * STEP_NS - back_ns for k in range(6)]
+    assert [clock.take(stamp_ns) for stamp_ns in stamps_ns[:4]] == [StampKind.LATE] * FOLLOWERS + [StampKind.BACK]
+    clock.set_back(stamps_ns[3])
+    assert [clock.take(stamp_ns) for stamp_ns in stamps_ns[4:]] == [StampKind.NEXT] * 2
+    assert [clock.inner_ns(stamp_ns) for stamp_ns in stamps_ns[3:]] == [START_NS + (5 + k) * STEP_NS for k in range(3)]
+
+
+def test_samples_that_change_places_are_late_and_no_clock():
+    clock = clock_after(START_NS, START_NS + 5 * STEP_NS)
+    late_ns = [START_NS + k * STEP_NS for k in range(1, 5)]
+    assert [clock.take(stamp_ns) for stamp_ns in late_ns] == [StampKind.LATE] * 4
+    assert clock.take(START_NS + 6 * STEP_NS) is StampKind.NEXT

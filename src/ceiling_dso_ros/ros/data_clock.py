@@ -14,7 +14,10 @@ from ceiling_dso_ros.dso.durations import seconds
 
 MOST_ERAS = 100  # that are kept: stamps that are still converted are younger
 LONGEST_PAUSE_NS = 30 * 86_400 * 10**9  # beyond it, stamps are wrong; many of them must not add up to centuries
-BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back; a smaller one: a sample out of order
+BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back
+# A smaller one: a sample out of order, unless so many follow it in their order, and are still so late. What changes
+# places in a network does so by less.
+FOLLOWERS, STILL_LATE_NS = 3, 100_000_000
 
 
 class StampKind(enum.Enum):
@@ -51,6 +54,7 @@ class DataClock:
         self._eras: List[Era] = [Era(0, 0)]
         self._last_ns: Optional[int] = None  # on the inner clock
         self._interval_ns = 1
+        self._late_ns: List[int] = []  # the latest stamps, as long as they are late and in their order
 
     @property
     def last_ns(self) -> Optional[int]:
@@ -74,19 +78,23 @@ class DataClock:
         if self._last_ns is None or inner_ns > self._last_ns:
             if self._last_ns is not None:
                 self._interval_ns = min(inner_ns - self._last_ns, BACKWARDS_NS)
-            self._last_ns = inner_ns
+            self._last_ns, self._late_ns = inner_ns, []
             return StampKind.NEXT
         if inner_ns == self._last_ns:
             return StampKind.REPEATED
-        return StampKind.LATE if self._last_ns - inner_ns <= BACKWARDS_NS else StampKind.BACK
+        in_order = self._late_ns and inner_ns > self._late_ns[-1]
+        self._late_ns = [*self._late_ns[-FOLLOWERS:], inner_ns] if in_order else [inner_ns]
+        follow = len(self._late_ns) > FOLLOWERS and self._last_ns - inner_ns > STILL_LATE_NS
+        return StampKind.BACK if follow or self._last_ns - inner_ns > BACKWARDS_NS else StampKind.LATE
 
     def set_back(self, stamp_ns: int) -> None:
-        """Continue from a stamp that is BACK; the unknown elapsed time is taken as the last two stamps' interval."""
+        """Continue from a stamp that is BACK; the unknown time before it is taken as the last two stamps' interval."""
         if self._last_ns is not None:  # nothing lies before the first stamp
             self._begin_era(self._last_ns, stamp_ns)
 
     def _begin_era(self, last_ns: int, stamp_ns: int) -> None:
-        self._last_ns = last_ns + self._interval_ns
+        since_ns = self._late_ns[-1] - self._late_ns[0] if self._late_ns else 0
+        self._last_ns, self._late_ns = last_ns + self._interval_ns + since_ns, []
         self._eras.append(Era(self._last_ns, self._last_ns - stamp_ns))
         del self._eras[:-MOST_ERAS]
 

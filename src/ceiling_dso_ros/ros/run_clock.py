@@ -45,7 +45,7 @@ class RunClock(DataClock):
         kind = self.take(stamp_ns)
         if kind is StampKind.BACK:
             went_back = f"time went backwards by {self.behind_s(stamp_ns):.3f} s"
-            if self.is_simulated:
+            if self.is_simulated and -self.ahead_ns(stamp_ns) > BACKWARDS_NS:
                 rospy.logwarn(f"{went_back}: restarting")
                 begin_run()
                 self.reset()
