@@ -48,9 +48,7 @@ class ViewPublisher:
     def _go_on(self) -> None:
         while not rospy.is_shutdown():
             with self._condition:
-                self._condition.wait_for(lambda: bool(self._waiting), timeout=1.0)
-                if not self._waiting:
-                    continue
+                self._condition.wait_for(lambda: bool(self._waiting))
                 tracked, camera, camera_frame_id = self._waiting.pop(0)
                 if self._recorder is None or self._recorder.camera != camera:
                     self._recorder = KeyframeRecorder(camera)
