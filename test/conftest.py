@@ -39,9 +39,12 @@ def pytest_configure(config):
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    """Files with long tests come first: at the end, all workers are busy with short ones."""
-    long = {item.path for item in items if item.get_closest_marker("long")}
-    items.sort(key=lambda item: item.path not in long)
+    """Files with long tests come first, the longest at the head: at the end, all workers are busy with short ones."""
+    minutes = dict.fromkeys((item.path for item in items), 0)
+    for item in items:
+        for marker in item.iter_markers("long"):
+            minutes[item.path] = max(minutes[item.path], marker.kwargs.get("minutes", 1))
+    items.sort(key=lambda item: -minutes[item.path])
 
 
 @pytest.fixture

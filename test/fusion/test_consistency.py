@@ -7,7 +7,7 @@ A file of its own, because it takes minutes and files run beside each other.
 import pytest
 from consistency import errors_of_drives, require_consistent_poses, require_consistent_scales
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.long(minutes=10)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 
 import pytest
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.long(minutes=10)
 
 
 def test_ten_minutes_without_slip_have_at_most_one_false_report(simulate, fuse, robot_truth):
