@@ -101,9 +101,11 @@ class Recorder:
 @pytest.mark.parametrize("set_s", [-3600.0, -1.0, -0.3, -0.1, 0.1, 0.3, 1.0, 3600.0])
 def test_when_they_were_recorded_tells_which_images_have_the_wheels_clock(clock, set_s):
     wrong = Recorder().faults(**{clock: set_s})
-    ahead = set_s > 0.0 if clock == "camera_s" else set_s < 0.0
+    stream = "images" if clock == "camera_s" else "wheels"
     assert not any(wrong[:299])
-    assert all(f"images was set {'ahead' if ahead else 'back'} by" in fault for fault in wrong[301:599])
+    assert all(
+        f"clock of the {stream} was set {'ahead' if set_s > 0.0 else 'back'} by" in fault for fault in wrong[301:599]
+    )
     assert not any(wrong[603:])  # until single images that came late are outweighed
 
 

@@ -108,8 +108,9 @@ def test_a_clock_that_alone_is_set_costs_the_images_until_it_is_right_again(cloc
     assert all(stream.drive(60))
     assert not any(stream.drive(90, **{clock: set_s}))
     assert stream.order.disagrees
-    ahead = set_s > 0.0 if clock == "camera_s" else set_s < 0.0
-    assert f"was set {'ahead' if ahead else 'back'} by {abs(set_s):.2f} s" in stream.order.apart
+    which = "images" if clock == "camera_s" else "wheels"
+    was_set = f"clock of the {which} was set {'ahead' if set_s > 0.0 else 'back'} by {abs(set_s):.2f} s"
+    assert was_set in stream.order.apart
     # Where stamps were ahead, those that are right are first before them.
     assert all([*stream.drive(60)][16:])
     assert stream.order.apart == ""

@@ -2,15 +2,13 @@
 """Compile and cache every kernel before the first run: `python3 -m ceiling_dso_ros.dso.warmup`."""
 
 import sys
-import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Callable, Optional
 
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import cache_folders
-from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, remove_outdated
+from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, fill_cache
 from ceiling_dso_ros.dso.config import OdometryConfig, WindowConfig
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
@@ -83,19 +81,9 @@ def _marker() -> Optional[Path]:
 
 def main() -> int:
     """Entry point."""
-    start = time.perf_counter()
     marker = _marker()
-    if marker is not None and not marker.exists():
-        remove_outdated({marker.parent, *cache_folders()}, "kernels")
-    keyframes = warm_up()
-    if keyframes < KEYFRAMES:
-        print("error: the warm-up sequence was not tracked, some kernels are not compiled", file=sys.stderr)
-        return 1
-    if marker is not None:
-        with suppress(OSError):
-            marker.touch()
-    print(f"kernels compiled and cached: ready in {time.perf_counter() - start:.1f} s")
-    return 0
+    folders = cache_folders() if marker is None else {marker.parent, *cache_folders()}
+    return fill_cache(marker, folders, lambda: warm_up() == KEYFRAMES)
 
 
 if __name__ == "__main__":

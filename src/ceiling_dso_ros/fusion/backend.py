@@ -13,6 +13,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
+from ceiling_dso_ros.fusion.doubts import Doubts
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe, LeavingKeyframes
@@ -37,7 +38,6 @@ class KeyframeBackend:
         scale_was_known: it has been known at any time.
         jump_ns: when the last jump of the visual scale was noticed, nanoseconds on the wheels' clock.
         off_floor: the newest camera motion is not possible on a floor and was not used.
-        wheels_slip: the wheels contradict the camera up to the newest keyframe.
         monitor: the slips.
     """
 
@@ -51,14 +51,18 @@ class KeyframeBackend:
         self._left: Deque[LeavingKeyframe] = deque(maxlen=MOST_REFINED)
         self._bias = WheelBias(noise, config.visual)
         self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes to which the camera's motion is not used
-        self._in_doubt: List[Interval] = []  # of the newest segment, as the camera tells: they contradict the wheels
         self.monitor = SlipMonitor(config, noise)
+        self._doubts = Doubts(self._graph, self.monitor)
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
         self.scale_was_known = False
         self.jump_ns = LONG_AGO_NS
         self.off_floor = False
-        self.wheels_slip = False
+
+    @property
+    def wheels_slip(self) -> bool:
+        """Whether the wheels contradict the camera up to the newest keyframe."""
+        return bool(self._graph.intervals) and self._graph.intervals[-1].wheels_slip
 
     @property
     def segment(self) -> int:
@@ -127,11 +131,11 @@ class KeyframeBackend:
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
         self._mend_jump(interval)
-        self.wheels_slip = interval.wheels_slip
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
-        if self._in_doubt and self.scale_known:
-            self._resolve_doubt()
+        if self._doubts and self.scale_known:
+            self._doubts.resolve(math.exp(self.estimate.log_scale))
+            self.estimate = self._estimate()
         self._left.extend(self._leaving.solved(self.segment, self.scale_known, stamp_ns))
         return self.estimate
 
@@ -246,47 +250,19 @@ class KeyframeBackend:
         be right all the same, and the wheels slip or are stuck, their noise covers what it tells.
         """
         if not interval.continues:
-            self._in_doubt = []
+            self._doubts.forget()
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
         found = self.monitor.compare(interval.wheels, interval.visual, scale, self.estimate.scale_sigma)
         known = self.scale_known and interval.continues
         if self.scale_was_known and not known and self.monitor.beyond_gate(found, scale_known=False):
-            return self._refuse(interval, _difference(interval.wheels, interval.visual, scale))
+            self._refused.append(interval.end)
+            return self._doubts.refused(interval, scale)
         slips = self.monitor.slips(interval, found, known)
         if slips:
-            self._suspect_before(interval)
+            self._doubts.suspect_before(interval, scale)
         return replace(interval, wheels_slip=slips)
-
-    def _refuse(self, interval: Interval, difference: np.ndarray) -> Interval:
-        """The interval by the wheels alone, with the (3,) difference from the camera's motion as their error.
-
-        Over several intervals the difference is the same, so that the errors add up, and not their variances.
-        """
-        self._in_doubt.append(interval)
-        self._refused.append(interval.end)
-        doubt = math.sqrt(2 * len(self._in_doubt) - 1) * difference
-        return replace(interval, visual=None, continues=False, wheels_slip=True, doubt=doubt)
-
-    def _resolve_doubt(self) -> None:
-        """The map has come to agree with the wheels, and is the same as before: the wheels slipped, or were stuck."""
-        for interval in self._in_doubt:
-            as_seen = {"visual": interval.visual, "continues": interval.continues}
-            self._graph.revise(interval.end, wheels_slip=True, doubt=None, **as_seen)
-            self.monitor.report(interval)
-        self._suspect_before(self._in_doubt[0])
-        self._in_doubt = []
-        self.estimate = self._estimate()
-
-    def _suspect_before(self, slipping: Interval) -> None:
-        """Where wheels slipped when the camera saw again, they may have done so before, while it was blind."""
-        blind = next((each for each in self._graph.intervals if each.end == slipping.end - 1), None)
-        if blind is None or blind.visual is not None or slipping.visual is None or self.estimate is None:
-            return
-        difference = _difference(slipping.wheels, slipping.visual, math.exp(self.estimate.log_scale))
-        doubt = difference * blind.wheels.duration_s / slipping.wheels.duration_s
-        self._graph.revise(blind.end, wheels_slip=True, doubt=doubt)
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
         """An interval without camera: the wheels' motion, corrected by `WheelBias`."""
@@ -317,9 +293,3 @@ class KeyframeBackend:
         config = self._config.scale
         self.scale_known = sigma < config.converged_sigma or (self.scale_known and sigma < config.lost_sigma)
         self.scale_was_known |= self.scale_known
-
-
-def _difference(wheels: WheelMotion, visual: VisualMotion, scale: float) -> np.ndarray:
-    """(3,) motion by the camera minus that by the wheels, metres per unit given."""
-    seen = visual.base_motion(scale)
-    return np.array([*(seen[:2] - wheels.pose[:2]), planar.wrap(seen[2] - wheels.pose[2])])

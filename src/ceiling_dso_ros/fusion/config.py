@@ -150,7 +150,7 @@ class SlipConfig:
     gate: float = 25.0  # squared normalised difference (chi-square, one degree of freedom): 5 sigma
     jump_steps: int = 6  # this many consecutive distances, wrong by the same factor, are a jump of the visual scale
     report_gap_s: float = 1.0  # slips closer than this are one report
-    longest_s: float = 2.0  # longest time that images without a new keyframe may contradict the wheels
+    longest_s: float = 2.0  # longest time that a camera that stands may contradict the wheels
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""

@@ -56,7 +56,6 @@ class WheelOdometry:
         self.dropped = 0
         self._last: Optional[Tuple[int, np.ndarray]] = None
         self._rate = np.zeros(3)
-        self._jitter_s = JITTER_S
         self._spare_s = 0.0  # of the last intervals, in which the wheels could have moved further than they did
 
     @property
@@ -88,8 +87,8 @@ class WheelOdometry:
             The step since the last sample; None for the first sample and for one that is not used.
         """
         self.noise.resolution_m = self._tick_m
-        self._jitter_s = self._config.silence_s  # they are stamped when they arrive, and several may come at once
-        return self._add(stamp_ns, np.array([left, right], dtype=float), self._twist_of_ticks)
+        # They are stamped when they arrive, and several may come at once.
+        return self._add(stamp_ns, np.array([left, right], float), self._twist_of_ticks, self._config.silence_s)
 
     def add_angles(self, stamp_ns: int, left_rad: float, right_rad: float) -> Optional[WheelStep]:
         """Take in the angles of the wheels, endless or wrapped at a whole turn; returns as `add_ticks`.
@@ -104,7 +103,9 @@ class WheelOdometry:
         self.noise.resolution_m = 2.0 * self._forward_steps.step  # forward is the mean of two wheels
         return self._add(stamp_ns, np.asarray(pose, dtype=float), self._twist_of_poses)
 
-    def _add(self, stamp_ns: int, reading: np.ndarray, twist_of: TwistOf) -> Optional[WheelStep]:
+    def _add(
+        self, stamp_ns: int, reading: np.ndarray, twist_of: TwistOf, jitter_s: float = JITTER_S
+    ) -> Optional[WheelStep]:
         self.message = ""
         if not (np.abs(reading) <= LARGEST).all():
             self._drop(f"wheels: sample with a value that is not finite at {_text(stamp_ns)} dropped")
@@ -122,7 +123,7 @@ class WheelOdometry:
         known = twist is not None
         if twist is not None:
             self._rate = twist / max(dt, self._needed_s(twist))
-            self._spare_s = min(max(self._spare_s + dt - self._needed_s(twist), 0.0), self._jitter_s)
+            self._spare_s = min(max(self._spare_s + dt - self._needed_s(twist), 0.0), jitter_s)
         else:  # the best guess is that the robot kept its velocity for a short time
             twist, self._spare_s = self._rate * min(dt, self._config.silence_s), 0.0
             self.message = f"wheels: impossible motion before {_text(stamp_ns)}, counters restarted?"

@@ -76,19 +76,47 @@ class ClockAgreement:
     """Whether two streams that once had the same clock, or a constant offset, still have."""
 
     def __init__(self) -> None:
-        self.images, self.wheels = ArrivalClock(), ArrivalClock()
+        self._images, self._wheels = ArrivalClock(), ArrivalClock()
 
     def forget(self) -> None:
         """Begin with the next messages, which agree."""
-        self.images.forget()
-        self.wheels.forget()
+        self._images.forget()
+        self._wheels.forget()
+
+    def take_image(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Follow an image; see `ArrivalClock.take`."""
+        self._images.take(stamp_ns, arrival_ns)
+        self._settle()
+
+    def take_wheels(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Follow a wheel sample; see `ArrivalClock.take`."""
+        self._wheels.take(stamp_ns, arrival_ns)
+        self._settle()
 
     @property
     def apart_ns(self) -> int:
-        """By how much the clock of the images was set ahead, and that of the wheels was not; 0 while they agree."""
-        apart_ns = self.images.shift_ns - self.wheels.shift_ns
-        if abs(apart_ns) > TOLERANCE_NS:
-            return apart_ns
-        if self.images.is_settled and self.wheels.is_settled:  # what is left of the steps is the delays' noise
-            self.images.shift_ns = self.wheels.shift_ns = 0
-        return 0
+        """By how much the images' clock is ahead of that of the wheels, more than at first; 0 while they agree."""
+        apart_ns = self._images.shift_ns - self._wheels.shift_ns
+        return apart_ns if abs(apart_ns) > TOLERANCE_NS else 0
+
+    @property
+    def disagreement(self) -> str:
+        """Which clock was set by how much while the other was not, in words; empty while they agree."""
+        if not self.apart_ns:
+            return ""
+        streams = [("images", self._images.shift_ns), ("wheels", self._wheels.shift_ns)]
+        (other, _), (stream, _) = sorted(streams, key=lambda each: abs(each[1]))
+        # Where both were set by different times, what counts is the difference.
+        ahead_ns = self.apart_ns if stream == "images" else -self.apart_ns
+        return set_alone(stream, other, ahead_ns)
+
+    def _settle(self) -> None:
+        """What is left of steps that agree is the noise of the delays."""
+        if not self.apart_ns and self._images.is_settled and self._wheels.is_settled:
+            self._images.shift_ns = self._wheels.shift_ns = 0
+
+
+def set_alone(stream: str, other: str, ahead_ns: int) -> str:
+    """That the clock of one stream was set and that of another was not, in words."""
+    way = "ahead" if ahead_ns > 0 else "back"
+    return f"the clock of the {stream} was set {way} by {abs(ahead_ns) / 1e9:.2f} s, that of the {other} was not"

@@ -3,8 +3,8 @@
 
 from typing import TYPE_CHECKING, Iterable, Iterator, Optional, Tuple
 
-from ceiling_dso_ros.io.arrival_clock import ClockAgreement
-from ceiling_dso_ros.io.stamps import NANOSECONDS, format_stamp
+from ceiling_dso_ros.io.arrival_clock import ClockAgreement, set_alone
+from ceiling_dso_ros.io.stamps import format_stamp
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.io.recording import ListedImage, WheelSamples
@@ -57,14 +57,10 @@ class _Clocks:
         if self._arrivals_ns is None or image.stamp_ns is None or image.recorded_ns is None:
             return ""
         while self._next < len(self._arrivals_ns) and self._arrivals_ns[self._next, 1] <= image.recorded_ns:
-            self._clocks.wheels.take(*self._arrivals_ns[self._next].tolist())
+            self._clocks.take_wheels(*self._arrivals_ns[self._next].tolist())
             self._next += 1
-        self._clocks.images.take(image.stamp_ns, image.recorded_ns)
-        apart_s = self._clocks.apart_ns / NANOSECONDS
-        if not apart_s:
-            return ""
-        was_set = f"{'ahead' if apart_s > 0.0 else 'back'} by {abs(apart_s):.2f} s"
-        return f"the clock of the images was set {was_set}, that of the wheels was not"
+        self._clocks.take_image(image.stamp_ns, image.recorded_ns)
+        return self._clocks.disagreement
 
 
 class _Order:
@@ -106,5 +102,4 @@ class _Order:
         return f"the stamp {format_stamp(stamp_ns)} {'lies before' if step_ns else 'repeats'} that of the last frame"
 
     def _set_back(self) -> str:
-        back_s = self._set_back_ns / NANOSECONDS
-        return f"the clock of the images was set back by {back_s:.2f} s, that of the wheels was not"
+        return set_alone("images", "wheels", -self._set_back_ns)

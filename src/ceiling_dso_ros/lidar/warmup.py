@@ -2,14 +2,13 @@
 """Compile and cache every kernel of the reference trajectory: `python3 -m ceiling_dso_ros.lidar.warmup`."""
 
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import Callable, Optional, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import cache_folders
-from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, remove_outdated
+from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, fill_cache
 from ceiling_dso_ros.io.laser_scans import LaserScans
 from ceiling_dso_ros.lidar.reference import Reference, estimate_reference
 from ceiling_dso_ros.lidar.rendering import MapImage, draw_map
@@ -54,14 +53,8 @@ def _marker() -> Optional[Path]:
 
 def main() -> int:
     """Entry point."""
-    marker = _marker()
-    if marker is not None and not marker.exists():
-        remove_outdated({each for each in cache_folders() if NAME in each.parts}, NAME)
-    warm_up()
-    if marker is not None:
-        with suppress(OSError):
-            marker.touch()
-    return 0
+    folders = {each for each in cache_folders() if NAME in each.parts}
+    return fill_cache(_marker(), folders, lambda: bool(warm_up()))
 
 
 if __name__ == "__main__":

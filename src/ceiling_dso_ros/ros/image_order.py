@@ -44,22 +44,18 @@ class ImageOrder:
     def heard_wheels(self, stamp_ns: int) -> None:
         """A wheel sample with that stamp has arrived."""
         self._wheels_heard_ns = self._now_ns()
-        self._clocks.wheels.take(stamp_ns, self._wheels_heard_ns)
+        self._clocks.take_wheels(stamp_ns, self._wheels_heard_ns)
 
     def heard_image(self, stamp_ns: int) -> None:
         """The status of an image with that stamp has arrived."""
-        self._clocks.images.take(stamp_ns, self._now_ns())
+        self._clocks.take_image(stamp_ns, self._now_ns())
 
     @property
     def apart(self) -> str:
         """That images and wheels are on two clocks, in words; empty while they seem to be on one."""
-        if self._clocks.apart_ns:
-            apart_s = seconds(self._clocks.apart_ns)
-            was_set = f"{'ahead' if apart_s > 0.0 else 'back'} by {abs(apart_s):.2f} s"
-            return (
-                f"the clock of the images was set {was_set}, that of the wheels was not: images are not used until the "
-                "two agree again; if they are right as they are, call ~reset"
-            )
+        if self.disagrees:
+            remedy = "images are not used until the two agree again; if they are right as they are, call ~reset"
+            return f"{self._clocks.disagreement}: {remedy}"
         if abs(self._apart_s) <= seconds(CAMERA_AHEAD_NS):
             return ""
         order = "after" if self._apart_s > 0.0 else "before"

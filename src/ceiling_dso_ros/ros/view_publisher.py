@@ -2,7 +2,8 @@
 """Publishes what the keyframes show that leave the window, for map_node; nothing is done without a subscriber."""
 
 import threading
-from typing import Callable, Optional
+from collections import deque
+from typing import Callable, Deque, Optional, Tuple
 
 import rospy
 
@@ -27,15 +28,18 @@ class ViewPublisher:
         self._data_ns = data_ns
         self._publisher = rospy.Publisher("visual_odometry/views", KeyframeViewMessage, queue_size=50)
         self._condition = threading.Condition()
-        self._waiting: list = []
+        self._waiting: Deque[Tuple[TrackedImage, PinholeCamera, str]] = deque()
         self._recorder: Optional[KeyframeRecorder] = None
         threading.Thread(target=self._go_on, name="views", daemon=True).start()
 
     def add(self, tracked: TrackedImage, camera: PinholeCamera, camera_frame_id: str) -> None:
         """Hand over an image with its result, and the camera of the undistorted images."""
         with self._condition:
-            if self._publisher.get_num_connections() == 0 or len(self._waiting) >= MOST_WAITING:
-                self._waiting, self._recorder = [], None
+            is_full = len(self._waiting) >= MOST_WAITING
+            if self._publisher.get_num_connections() == 0 or is_full:
+                self._forget()
+                if is_full:
+                    rospy.logwarn_throttle(5.0, "the computer is too slow for the map: keyframes are left out")
                 return
             self._waiting.append((tracked, camera, camera_frame_id))
             self._condition.notify()
@@ -43,13 +47,17 @@ class ViewPublisher:
     def reset(self) -> None:
         """Forget the keyframes of the window: the odometry begins anew."""
         with self._condition:
-            self._waiting, self._recorder = [], None
+            self._forget()
+
+    def _forget(self) -> None:
+        self._waiting.clear()
+        self._recorder = None
 
     def _go_on(self) -> None:
         while not rospy.is_shutdown():
             with self._condition:
                 self._condition.wait_for(lambda: bool(self._waiting))
-                tracked, camera, camera_frame_id = self._waiting.pop(0)
+                tracked, camera, camera_frame_id = self._waiting.popleft()
                 if self._recorder is None or self._recorder.camera != camera:
                     self._recorder = KeyframeRecorder(camera)
                 recorder = self._recorder

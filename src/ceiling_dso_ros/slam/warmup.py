@@ -2,14 +2,12 @@
 """Compile and cache the kernels of the map before the first keyframe: `python3 -m ceiling_dso_ros.slam.warmup`."""
 
 import sys
-import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Callable, Optional
 
 import numpy as np
 
-from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, remove_outdated
+from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complete_marker, fill_cache
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.warmup import textured_plane
@@ -62,18 +60,8 @@ def _marker() -> Optional[Path]:
 
 def main() -> int:
     """Entry point."""
-    start = time.perf_counter()
     marker = _marker()
-    if marker is not None and not marker.exists():
-        remove_outdated({marker.parent}, "map_kernels")
-    if not warm_up():
-        print("error: the views were not found to agree, some kernels are not compiled", file=sys.stderr)
-        return 1
-    if marker is not None:
-        with suppress(OSError):
-            marker.touch()
-    print(f"kernels of the map compiled and cached: ready in {time.perf_counter() - start:.1f} s")
-    return 0
+    return fill_cache(marker, set() if marker is None else {marker.parent}, warm_up)
 
 
 if __name__ == "__main__":

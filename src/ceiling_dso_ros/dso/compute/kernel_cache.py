@@ -10,6 +10,7 @@ import hashlib
 import os
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Callable, Optional, Sequence, Set
@@ -59,6 +60,30 @@ def compile_if_missing(marker: Optional[Path], module: str, tell: Callable[[str]
         tell("compiling the kernels, which takes a minute or two the first time")
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         subprocess.run([sys.executable, "-m", module], env=environment, stdout=subprocess.DEVNULL, check=False)
+
+
+def fill_cache(marker: Optional[Path], folders: Set[Path], warm_up: Callable[[], bool]) -> int:
+    """Compile all kernels by running them, and note that they are complete.
+
+    Args:
+        marker: where that is noted; None where nothing can be cached.
+        folders: from which outdated machine code is removed before.
+        warm_up: runs them; False if it did not get to all of them.
+
+    Returns:
+        Exit code of the command that does only this.
+    """
+    start_s = time.perf_counter()
+    if marker is not None and not marker.exists():
+        remove_outdated(folders, marker.name.partition(".")[0])
+    if not warm_up():
+        print("error: the warm-up went wrong, some kernels are not compiled", file=sys.stderr)
+        return 1
+    if marker is not None:
+        with suppress(OSError):
+            marker.touch()
+    print(f"kernels compiled and cached: ready in {time.perf_counter() - start_s:.1f} s")
+    return 0
 
 
 def remove_outdated(folders: Set[Path], name: str) -> None:
