@@ -51,6 +51,7 @@ class Truth:
     camera_delay_s: float = 0.0  # a motion is seen in the image whose stamp is this much later
     slips: Tuple[Tuple[float, float], ...] = ()  # left wheel turns further in [start, end]
     slip_factor: float = 2.0  # by this factor
+    both_slip: bool = False  # the right wheel as well
     losses: Tuple[Tuple[float, float], ...] = ()
     scale_jumps: Tuple[Tuple[float, float], ...] = ()  # (time, factor on the metres per unit)
     T_base_camera: np.ndarray = field(default_factory=mount)
@@ -133,9 +134,8 @@ def encoder_ticks(stamps, v, w, robot, truth, rng):
     times = stamps[::WHEEL_STEP]
     steps = np.diff(turned, axis=0)
     for start, end in truth.slips:
-        steps[(times[1:] > stamps[0] + nanoseconds(start)) & (times[1:] <= stamps[0] + nanoseconds(end)), 0] *= (
-            truth.slip_factor
-        )
+        slipping = (times[1:] > stamps[0] + nanoseconds(start)) & (times[1:] <= stamps[0] + nanoseconds(end))
+        steps[slipping, : 1 + truth.both_slip] *= truth.slip_factor
     steps += truth.wheel_noise * np.sqrt(np.abs(steps)) * rng.normal(size=steps.shape)
     angle = np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)]) / radii
     counts = np.floor(angle * robot.ticks_per_turn / (2 * np.pi) + rng.uniform(size=2)).astype(np.int64)
@@ -166,7 +166,7 @@ class VisualSimulator:
         self.keep(stamp, T_camera, np.eye(4))
 
     def keep(self, stamp, T_true, T_vo):
-        self.window.append((self.next_id, stamp, T_true, T_vo))
+        self.window.append((self.next_id, stamp, T_true, T_vo, self.truth.unit_m / np.exp(self.log_unit)))
         self.metres_per_unit[self.next_id] = np.exp(self.log_unit)
         self.next_id += 1
 
@@ -174,9 +174,9 @@ class VisualSimulator:
         """The window as refined now: the newest keyframes still err a little more than in the end."""
         leaving = len(self.window) > VO_WINDOW
         result = []
-        for age, (key, stamp, _, T_vo) in enumerate(reversed(self.window)):
+        for age, (key, stamp, _, T_vo, depth) in enumerate(reversed(self.window)):
             T = T_vo if age > 3 else self.noisy(T_vo, 0.4 / (1 + age))
-            result.append(KeyframeEstimate(key, stamp, self.segment, T, (0.0, 0.0), leaving and age == VO_WINDOW))
+            result.append(KeyframeEstimate(key, stamp, self.segment, T, (0.0, 0.0), leaving and age == VO_WINDOW, depth))
         if leaving:
             self.window.pop(0)
         return tuple(reversed(result))

@@ -262,6 +262,16 @@ def test_a_jump_of_the_visual_scale_is_noticed_and_followed(simulate, truth, fus
     assert fused.ate(fused.stamps, fused.poses) < 0.05
 
 
+@pytest.mark.parametrize("factor", [0.9, 0.96, 1.05, 1.1, 1.3])
+def test_both_wheels_that_slip_steadily_are_no_jump_of_the_scale(simulate, truth, fuse, factor):
+    """The ceiling is as far away as before, in the odometry's units."""
+    fused = fuse(simulate("loops", 30.0, 7, truth(slips=((12.0, 18.0),), slip_factor=factor, both_slip=True)))
+    assert "scale: jumped" not in fused.reasons(0.0, 30.0)
+    assert "wheels: slip" in fused.reasons(13.0, 18.0)
+    assert abs(fused.scale_error()) < 0.01
+    assert fused.ate(fused.stamps, fused.poses) < 0.03
+
+
 def test_a_motion_off_the_floor_is_not_used(loops, fuse, fused):
     def lifted(status):
         if not status.keyframes or status.keyframe_id != 50:

@@ -39,6 +39,7 @@ class KeyframeEstimate:
         T_world_camera: (4, 4) float64, VO units, VO world.
         affine: brightness parameters (a, b) of equation (4).
         leaves: True when it has been marginalised, so this estimate is its last.
+        depth: median depth of the map's points as it saw them when it was made, VO units; nan where it saw too few.
     """
 
     keyframe_id: int
@@ -47,6 +48,7 @@ class KeyframeEstimate:
     T_world_camera: np.ndarray
     affine: Tuple[float, float]
     leaves: bool
+    depth: float = float("nan")
 
 
 @dataclass(frozen=True)

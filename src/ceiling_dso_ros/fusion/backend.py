@@ -127,10 +127,11 @@ class KeyframeBackend:
         if not use_camera:
             visual = None
             self._refused.append(end)
-        interval = self._judged(Interval(end, stamp_ns, wheels, visual, self._chain.continues(keyframe)))
+        continues = self._chain.continues(keyframe)
+        interval = self._judged(Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth))
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
-        self._mend_jump(interval)
+        self._mend_steady_error(interval)
         self.estimate = self._estimate()
         self._judge_scale(self.estimate.scale_sigma)
         if self._doubts and self.scale_known:
@@ -270,16 +271,25 @@ class KeyframeBackend:
             return interval
         return replace(interval, wheels=self._bias.bridge(track.corrected_since_mark(interval.stamp_ns)))
 
-    def _mend_jump(self, newest: Interval) -> None:
-        """After a jump of the visual scale: start a new scale there, and withdraw the slips reported since."""
-        start = self.monitor.scale_jump()
-        if start is None:
+    def _mend_steady_error(self, newest: Interval) -> None:
+        """After a jump of the scale: start a new one there, and withdraw the slips reported since.
+
+        If the wheels have been slipping steadily instead, do not trust them since then.
+        """
+        error = self.monitor.steady_error()
+        if error is None:
             return
-        self.jump_ns = newest.stamp_ns
-        self._graph.revise(start, continues=False)
-        for end in range(start, newest.end + 1):
-            self._graph.revise(end, wheels_slip=False)
-        self.monitor.forget(next(i.wheels.start_ns for i in self._graph.intervals if i.end == start))
+        if error.of_scale:
+            self.jump_ns = newest.stamp_ns
+            self._graph.revise(error.start, continues=False)
+            if error.doubt_m > 0.0:  # the camera's motion, with a scale of its own, would leave no room for it
+                self._refused.append(error.start)
+                self._graph.revise(error.start, visual=None, doubt=np.array([error.doubt_m, error.doubt_m, 0.0]))
+            self.monitor.forget(next(i.wheels.start_ns for i in self._graph.intervals if i.end == error.start))
+        for interval in [each for each in self._graph.intervals if each.end >= error.start]:
+            self._graph.revise(interval.end, wheels_slip=not error.of_scale)
+            if not error.of_scale:
+                self.monitor.report(interval)
 
     def _estimate(self) -> GraphEstimate:
         """The graph's estimate; its wheel constants are those of `WheelBias` unless the graph estimates them."""

@@ -43,6 +43,7 @@ class Interval:
         continues: the scale of the end follows from that of the start: same segment, no jump.
         wheels_slip: the wheels contradict the camera, so their noise is increased, also where it is not used.
         doubt: (3,) standard deviations of the wheels' motion beyond that; None where there are none.
+        depth: of the odometry's map as the end saw it, units; nan where it is not known.
     """
 
     end: int
@@ -52,6 +53,7 @@ class Interval:
     continues: bool = False
     wheels_slip: bool = False
     doubt: Optional[np.ndarray] = None
+    depth: float = math.nan
 
 
 @dataclass(frozen=True)

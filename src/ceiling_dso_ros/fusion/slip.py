@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compares wheels and camera to detect slipping wheels and jumps of the visual scale."""
 
+import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, List, Optional, Tuple
+from typing import Deque, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -15,6 +16,11 @@ from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
 
 MOST_REPORTS = 10_000  # that are kept: a robot that slips every minute for a week
+MOST_DEPTHS = 100  # tens of metres of a roof
+DEPTH_SIGMA = 0.05  # change of the map's median depth within some keyframes, relative: girders, lamps and ducts
+LONGEST_SLIP_M = 10.0  # of a steady slip: a wet patch or a ramp ends, a tyre that wears or a heavy load does not
+CLEAR = 3.0  # logarithm of the odds at which the depths decide, twenty to one
+LEAST_FACTOR = -0.99  # wheels that stand
 
 
 @dataclass(frozen=True)
@@ -42,11 +48,27 @@ class Disagreement:
     distance_m: float
 
 
+class SteadyError(NamedTuple):
+    """A distance that stays wrong by the same factor: from the interval that ends at node `start` on.
+
+    Attributes:
+        start: the node.
+        of_scale: the scale is another since then; else both wheels slip steadily.
+        doubt_m: how far the pose there may be wrong by what was believed until now.
+    """
+
+    start: int
+    of_scale: bool
+    doubt_m: float
+
+
 class SlipMonitor:
     """Compares wheels and camera interval by interval.
 
     The turn needs no scale and is always compared, the distance once the scale is known. A distance that is wrong for
-    some time is slip. One that stays wrong by the same factor, while the turns agree, is a jump of the visual scale.
+    some time is slip. One that stays wrong by the same factor, while the turns agree, is a jump of the visual scale or a
+    steady slip of both wheels: if the scale jumps, the depth of the map changes by the factor too, since the ceiling
+    stays where it is.
 
     Attributes:
         reports: the slips so far, of many only the newest; slips close in time are joined.
@@ -57,6 +79,10 @@ class SlipMonitor:
         self._noise = noise
         self._constants = noise.constants_covariance(with_radius=False)
         self._recent: Deque[Tuple[int, Disagreement]] = deque(maxlen=config.slip.jump_steps)
+        self._depths: Deque[float] = deque(maxlen=MOST_DEPTHS)  # of the map at the ends of the newest intervals
+        self._newest_m = 0.0  # way of the newest interval by the wheels
+        self._agreed_m = 0.0  # way of the segment before the newest distances were wrong by one factor
+        self._steady_m = 0.0  # and since then
         self.reports: List[SlipReport] = []
 
     def compare(self, wheels: WheelMotion, visual: VisualMotion, scale: float, scale_sigma: float) -> Disagreement:
@@ -81,17 +107,44 @@ class SlipMonitor:
 
     def slips(self, interval: Interval, found: Disagreement, scale_known: bool) -> bool:
         """Whether the wheels slip between two keyframes; call it once for each interval, in order."""
+        if not interval.continues:
+            self._depths.clear()
+            self._agreed_m = self._steady_m = 0.0
+        self._depths.append(interval.depth)
         if self._turn_beyond(found) or not scale_known:
             self._recent.clear()
         else:
             self._recent.append((interval.end, found))
+        self._newest_m = abs(float(interval.wheels.pose[0]))
         slipping = self.beyond_gate(found, scale_known)
         if slipping:
             self.report(interval)
         return slipping
 
-    def scale_jump(self) -> Optional[int]:
-        """The node at which the visual scale jumped, found `jump_steps` nodes later; None when it did not."""
+    def steady_error(self) -> Optional[SteadyError]:
+        """A distance that has been wrong by one factor for `jump_steps` nodes, as many as that later; else None.
+
+        The depth of the map tells whether the scale jumped. Where it does not tell, wheels slip more often than a scale
+        jumps, but not for long: then their radius is another, or it was the scale. And if they disagree for longer than
+        they agreed before, they rather slipped before, when the scale was found.
+        """
+        factor = self._steady_factor()
+        if factor is None:
+            self._agreed_m, self._steady_m = self._agreed_m + self._newest_m, 0.0
+            return None
+        self._steady_m += self._newest_m
+        start, evidence = self._recent[0][0], self._jump_evidence(factor)
+        slipped_before = self._steady_m > self._agreed_m
+        too_long = evidence > -CLEAR and self._steady_m > LONGEST_SLIP_M
+        if not (evidence > CLEAR or slipped_before or too_long):
+            return SteadyError(start, of_scale=False, doubt_m=0.0)
+        wrong_m = 0.0 if evidence > CLEAR else self._steady_m + (self._agreed_m if slipped_before else 0.0)
+        self._recent.clear()
+        self._agreed_m, self._steady_m = self._steady_m, 0.0
+        return SteadyError(start, of_scale=True, doubt_m=abs(factor) * wrong_m)
+
+    def _steady_factor(self) -> Optional[float]:
+        """The factor, less 1, by which the newest distances are wrong in common; None if they are not."""
         if len(self._recent) < self._config.slip.jump_steps:
             return None
         recent = [found for _, found in self._recent]
@@ -102,14 +155,25 @@ class SlipMonitor:
             return None
         factor = (forward * distance / variance).sum() / (distance**2 / variance).sum()
         misfit = ((forward - factor * distance) ** 2 / variance).sum()
-        if misfit > 4.0 * len(recent):
-            return None
-        start = self._recent[0][0]
-        self._recent.clear()
-        return start
+        return None if misfit > 4.0 * len(recent) else float(factor)
 
     def _turn_beyond(self, found: Disagreement) -> bool:
         return found.turn_rad**2 > self._config.slip.gate * found.turn_variance
+
+    def _jump_evidence(self, factor: float) -> float:
+        """Logarithm of the likelihood of the map's depths if the scale jumped by 1 + factor, relative to wheels that slip.
+
+        In a jump, the depth is divided by 1 + factor; else it changes as it always does under this roof.
+        """
+        steps = self._config.slip.jump_steps
+        depths = np.log(list(self._depths))
+        before, after = depths[-2 * steps : -steps], depths[-(steps // 2) :]
+        if not np.isfinite(before).any() or not np.isfinite(after).any():
+            return 0.0
+        found, expected = np.nanmedian(before) - np.nanmedian(after), math.log1p(max(factor, LEAST_FACTOR))
+        changes = np.abs(depths[steps:-steps] - depths[: -2 * steps])
+        sigma = max(DEPTH_SIGMA, float(np.nanmedian(changes)) if np.isfinite(changes).any() else 0.0)
+        return expected * (2.0 * found - expected) / (2.0 * sigma**2)
 
     def forget(self, start_ns: int) -> None:
         """Withdraw the reports since then: they were not slips."""
@@ -117,10 +181,11 @@ class SlipMonitor:
         self.reports = [SlipReport(report.start_ns, min(report.end_ns, start_ns)) for report in kept]
 
     def report(self, interval: Interval) -> None:
-        """Take note that the wheels slipped between two keyframes."""
+        """Take note that the wheels slipped between two keyframes, the newest ones or some of those before."""
         start_ns, end_ns = interval.wheels.start_ns, interval.wheels.end_ns
         if self.reports and seconds(start_ns - self.reports[-1].end_ns) <= self._config.slip.report_gap_s:
-            self.reports[-1] = SlipReport(self.reports[-1].start_ns, end_ns)
+            last = self.reports[-1]
+            self.reports[-1] = SlipReport(min(last.start_ns, start_ns), max(last.end_ns, end_ns))
         else:
             self.reports.append(SlipReport(start_ns, end_ns))
             del self.reports[:-MOST_REPORTS]

@@ -180,4 +180,5 @@ def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
         affine_a=affine_a,
         affine_b=affine_b,
         leaves=keyframe.leaves,
+        depth=keyframe.depth,
     )

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Converts messages of the visual odometry into statuses, with stamps on the fusion's clock."""
 
+import math
 from collections import deque
 from typing import Deque, Dict, Optional, Sequence, Tuple
 
@@ -103,6 +104,7 @@ def _keyframe(message: Keyframe, inner_ns: int) -> KeyframeEstimate:
         T_world_camera=matrix_from_pose(message.pose),
         affine=(message.affine_a, message.affine_b),
         leaves=message.leaves,
+        depth=message.depth if message.depth > 0.0 else math.nan,
     )
 
 

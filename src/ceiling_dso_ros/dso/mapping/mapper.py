@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mapping: traces candidate points in frames, and inserts keyframes into the window."""
 
+import math
 from typing import List, Tuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from ceiling_dso_ros.dso.window.candidates import CandidateTable
 from ceiling_dso_ros.dso.window.keyframe_window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
 
 MIN_POINTS_FOR_RANGE = 50  # with fewer, the depth of the scene is not known
+LEAST_IDEPTH = 1e-6  # 1 / VO unit: as good as infinitely far
 # Information that holds the first keyframe of a segment: translation, rotation, a, b.
 FIRST_KEYFRAME_INFORMATION = np.array([4e10, 4e10, 4e10, 1e11, 1e11, 1e11, 1e12, 1e8])
 
@@ -58,6 +60,7 @@ class Mapper:
         n = first_map.idepth.size
         kept = np.sort(np.random.default_rng(0).permutation(n)[:wanted])
         self._append(first)
+        self.window.depths[0] = _median_depth(first_map.idepth[kept])
         prior = self.window.prior.H
         intrinsics = np.arange(INTRINSICS)
         prior[intrinsics, intrinsics] = self._config.optimization.intrinsics_information
@@ -112,6 +115,7 @@ class Mapper:
             raise TrackingLostError(f"{window.points.count} points are too few for a map")
         with timer.stage("reference"):
             reference = self._references.build(window)
+            window.depths[window.newest] = _median_depth(reference.levels[0].idepth)
         estimates = window.estimates(self._segment, tuple(leaving))
         with timer.stage("marginalize"):
             marginalized = self._retire_points(leaving)
@@ -153,3 +157,8 @@ class Mapper:
             window.gone_points[slot] += int(number)
         window.points.keep(~gone)
         return marginalized
+
+
+def _median_depth(idepth: np.ndarray) -> float:
+    """Of points with inverse depths (n,); nan when they are too few to know the depth of the scene."""
+    return math.nan if idepth.size < MIN_POINTS_FOR_RANGE else 1.0 / max(float(np.median(idepth)), LEAST_IDEPTH)

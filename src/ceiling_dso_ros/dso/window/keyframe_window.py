@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The window of keyframes: poses, brightness and intrinsics with their linearisation points, points and candidates."""
 
+import math
 from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -76,6 +77,7 @@ class KeyframeWindow:
         self.ids: List[int] = []
         self.stamps_ns: List[int] = []
         self.gone_points: List[int] = []  # active points that each keyframe has lost
+        self.depths: List[float] = []  # of the map as each keyframe saw it when it was made
         self.points = PointTable(slots, 3 * config.window.active_points)
         self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
         self.intrinsics_eval = camera.parameters
@@ -120,6 +122,7 @@ class KeyframeWindow:
         self.ids.append(keyframe_id)
         self.stamps_ns.append(stamp_ns)
         self.gone_points.append(0)
+        self.depths.append(math.nan)
         self.keyframes.T_camera_world[slot], self.keyframes.affine[slot] = T_camera_world, affine
         self.keyframes.exposure[slot], self.keyframes.image_slot[slot] = exposure, image_slot
         self.keyframes.energy_threshold[slot] = FIRST_ENERGY_THRESHOLD
@@ -150,7 +153,7 @@ class KeyframeWindow:
         self.pool.release(int(self.keyframes.image_slot[slot]))
         for array in self.keyframes:
             array[slot:-1] = array[slot + 1 :]
-        del self.ids[slot], self.stamps_ns[slot], self.gone_points[slot]
+        del self.ids[slot], self.stamps_ns[slot], self.gone_points[slot], self.depths[slot]
         self.points.remove_keyframe(slot)
         self.candidates.remove_host(slot)
 
@@ -164,6 +167,7 @@ class KeyframeWindow:
                 T_world_camera=self.T_world_camera(slot),
                 affine=(float(self.keyframes.affine[slot, 0]), float(self.keyframes.affine[slot, 1])),
                 leaves=slot in leaving,
+                depth=self.depths[slot],
             )
             for slot in range(self.count)
         )
