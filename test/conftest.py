@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the tests of several parts need."""
 
+import os
 import shutil
 import signal
 import struct
 import tempfile
 
 import pytest
+
+# As the package does, but some tests import numpy first: threads of OpenBLAS only wait for each other here.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # May name folders of the user.
 LEADING_HOME = (

@@ -115,6 +115,7 @@ def test_a_cover_slides_off_to_the_right():
     assert (half[:, 55:] == uncovered.COVER_GREY).all()
 
 
+@pytest.mark.long
 def test_what_was_rendered_and_tracked_is_kept(tracked):
     config = SimulationConfig("spin", duration_s=0.6, camera=SMALL)
     first = tracked.drive(config)

@@ -23,6 +23,7 @@ def targets(tmp_path_factory):
     return [*files.targets(folder), *bags.targets(folder), *commands.targets(folder)]
 
 
+@pytest.mark.long
 def test_wrong_files_and_commands_break_no_rule(targets):
     outcomes = [run(target, 0, 4 if target.name in ("run", "calibrate") else INPUTS) for target in targets]
     assert [(each.name, failure.shown, failure.why) for each in outcomes for failure in each.failures] == []

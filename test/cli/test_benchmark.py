@@ -24,6 +24,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_results(folder, tmp_path, capsys):
     assert main(["benchmark", str(folder), "--repeats", "2", "--out", str(tmp_path / "out")]) == 0
     result = json.loads((tmp_path / "out" / "benchmark.json").read_text())

@@ -13,6 +13,8 @@ from ceiling_dso_ros.io.opening import open_recording
 from ceiling_dso_ros.io.ros_messages import message
 from ceiling_dso_ros.io.trajectory import read_tum
 
+pytestmark = pytest.mark.long(minutes=2)
+
 WIDTH, HEIGHT, COUNT = 192, 144, 40
 K = np.array([[120.0, 0, 95.5], [0, 120.0, 71.5], [0, 0, 1]])
 BARREL = [-0.25, 0.06, 0.0, 0.0, 0.0]

@@ -123,6 +123,7 @@ def test_a_full_disk_leaves_nothing_but_one_line(tmp_path, capsys):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_it_leaves_a_readable_bag(number, tmp_path):
     bag = tmp_path / "long.bag"

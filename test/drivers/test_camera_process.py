@@ -107,6 +107,7 @@ def require_right(images):
     assert stamps_ns == sorted(set(stamps_ns))
 
 
+@pytest.mark.long
 def test_images_come_in_order_with_their_exposures_and_times(bench, listen):
     bench.plug_in(jitter_ms=5.0, drift_ppm=50.0, counter_us=COUNTER_US - 4_000_000)  # wraps around meanwhile
     listener, _ = listen()

@@ -21,6 +21,8 @@ from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame
 
+pytestmark = pytest.mark.long
+
 # Processes of their own: the library's threads and the stand-in of other tests stay out of this one.
 RECORD = """
 import sys
@@ -85,7 +87,6 @@ def test_the_calibration_is_that_of_the_camera(bags):
     assert theirs.lens.distortion == ()
 
 
-@pytest.mark.long
 def test_the_trajectory_is_that_of_the_drives_own_bag(bags, tmp_path):
     """To the last digit, with the same calibration; that of the recording is in single precision.
 

@@ -8,6 +8,8 @@ from synthetic import CAMERA, SHARP, Surface
 
 from ceiling_dso_ros.dso import DirectOdometry, TrackingState
 
+pytestmark = pytest.mark.long(minutes=2)
+
 NOISE = np.random.default_rng(0).uniform(0, 255, (240, 320)).astype(np.float32)
 GARBAGE = {
     "black": np.zeros((240, 320), np.float32),

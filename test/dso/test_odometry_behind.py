@@ -90,6 +90,7 @@ class WithheldScheduler(SequentialScheduler):
         return []
 
 
+@pytest.mark.long
 def test_keyframes_that_are_finished_between_two_statuses_are_both_told(images):
     scheduler = WithheldScheduler(tasks=12)
     statuses = run(DirectOdometry(CAMERA, CONFIG, scheduler), images)

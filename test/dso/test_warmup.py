@@ -16,6 +16,7 @@ def test_it_makes_enough_keyframes():
     assert warmup.warm_up() == warmup.KEYFRAMES
 
 
+@pytest.mark.long
 def test_a_noisy_camera_on_a_vehicle_compiles_nothing_more():
     """In a process of its own: what other tests have compiled does not count."""
     script = """

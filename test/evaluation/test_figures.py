@@ -46,6 +46,7 @@ def test_large_errors_are_in_metres(tmp_path):
     assert b"position error [m]" in draw(tmp_path, noise_m=0.5)["error.svg"]
 
 
+@pytest.mark.long
 def test_the_same_numbers_give_the_same_bytes(tmp_path):
     first = draw(tmp_path / "first")
     second = draw(tmp_path / "second")

@@ -79,6 +79,7 @@ def test_error_is_that_of_the_positions_in_metres():
     assert run.final_ate_percent == pytest.approx(100.0 * run.final_ate_m / 17.1, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("claim", "factor"), [(1.0, 1.0), (0.25, 16.0), (2.0, 0.25)])
 def test_normalised_errors_tell_a_wrong_covariance(claim, factor):
     run = TrackedRun(statuses(claim * SIGMAS), TRUTH)
@@ -86,6 +87,7 @@ def test_normalised_errors_tell_a_wrong_covariance(claim, factor):
     assert run.mean_nees == pytest.approx(6.0 * factor, rel=0.15)
 
 
+@pytest.mark.long
 def test_a_wrong_pose_counts_from_its_first_to_its_last_image():
     run = statuses()
     assert TrackedRun(run, TRUTH).longest_wrong_s() < 0.1

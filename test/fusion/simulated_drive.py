@@ -176,7 +176,8 @@ class VisualSimulator:
         result = []
         for age, (key, stamp, _, T_vo, depth) in enumerate(reversed(self.window)):
             T = T_vo if age > 3 else self.noisy(T_vo, 0.4 / (1 + age))
-            result.append(KeyframeEstimate(key, stamp, self.segment, T, (0.0, 0.0), leaving and age == VO_WINDOW, depth))
+            leaves = leaving and age == VO_WINDOW
+            result.append(KeyframeEstimate(key, stamp, self.segment, T, (0.0, 0.0), leaves, depth))
         if leaving:
             self.window.pop(0)
         return tuple(reversed(result))

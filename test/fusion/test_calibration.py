@@ -11,6 +11,8 @@ from ceiling_dso_ros.fusion.calibration_data import CameraPose
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 
+pytestmark = pytest.mark.long(minutes=2)
+
 TRUE = {"camera roll": 1.5, "camera pitch": -1.0, "camera yaw": -88.0, "camera x": 0.18, "camera y": 0.04}
 OFFSET_S, RATIO, BASE_M = -0.013, np.exp(0.01), 0.485 * np.exp(-0.01)
 TRUE.update({"camera time offset": OFFSET_S, "wheel ratio right/left": RATIO, "wheel base": BASE_M})
@@ -64,7 +66,6 @@ def test_loops_give_everything_from_any_guess(result_of, seed, guess_deg):
     assert found["wheel base"].value == pytest.approx(BASE_M, rel=0.002)
 
 
-@pytest.mark.long
 def test_standard_deviations_are_about_the_errors(result_of):
     errors = [
         (value.value - TRUE[value.name]) / value.sigma

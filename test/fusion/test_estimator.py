@@ -126,6 +126,7 @@ def test_images_without_wheels_give_no_pose(loops):
     assert estimator._waiting == []
 
 
+@pytest.mark.long
 def test_a_robot_that_has_an_odometry_needs_no_ticks(loops, fused):
     """Any frame will do: here it does not begin at zero. The resolution, which ticks know, is found from the poses."""
     elsewhere, estimator, poses = np.array([7.0, -2.0, 1.0]), FusionEstimator(loops.robot), []
@@ -140,6 +141,7 @@ def test_a_robot_that_has_an_odometry_needs_no_ticks(loops, fused):
     np.testing.assert_allclose(poses, fused.poses, atol=1e-5)
 
 
+@pytest.mark.long
 def test_repeated_and_disordered_images_are_no_harm(loops, fuse, fused):
     statuses = list(loops.statuses)
     for index in range(300, 600, 7):
@@ -272,6 +274,7 @@ def test_a_robot_that_stands_when_the_fusion_begins_is_seen_at_once(simulate, tr
     assert np.hypot(*(states[-1].pose - planar.between(begin, end))[:2]) < 0.05
 
 
+@pytest.mark.long
 def test_another_output_on_the_way_changes_what_follows_and_not_what_is_known(loops, fused):
     narrow = OutputConfig(blend_s=1.0, max_correction_m_s=0.025, max_correction_rad_s=0.05)
     estimator, states, middle = FusionEstimator(loops.robot, keep_history=True), [], len(fused.states) // 2

@@ -12,6 +12,8 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
 
+pytestmark = pytest.mark.long(minutes=4)
+
 
 def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, truth, fuse):
     drive = simulate("loops", 20.0, 1, truth())
@@ -285,7 +287,6 @@ def test_a_motion_off_the_floor_is_not_used(loops, fuse, fused):
     np.testing.assert_allclose(spoilt.poses[-1], fused.poses[-1], atol=0.02)
 
 
-@pytest.mark.long
 def test_a_time_offset_of_the_camera_is_taken_into_account(simulate, truth, fuse):
     late = simulate("loops", 25.0, 8, truth(camera_delay_s=0.05))
     known = dataclasses.replace(late.robot, camera_time_offset_s=-0.05)

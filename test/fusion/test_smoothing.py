@@ -137,6 +137,7 @@ def test_the_end_of_a_drive_goes_on_from_where_it_begins():
     assert np.exp(nodes[-1].log_scale) == pytest.approx(SCALE, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_keyframes_of_an_hour_are_solved_as_precisely_as_those_of_a_minute():
     """In absolute poses this would be a system that numbers of 64 bits cannot hold."""
     intervals, poses = chain(60)

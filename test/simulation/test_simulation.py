@@ -138,6 +138,7 @@ def test_what_is_simulated_besides_changes_nothing():
     np.testing.assert_array_equal(plain.encoders.ticks, full.encoders.ticks)
 
 
+@pytest.mark.long
 def test_further_cameras_see_the_same_hall():
     simulation = Simulation(config("loops", "factory", camera=SMALL, stereo=True, forward=True, duration_s=2.0))
     images = simulation.frame(30).images

@@ -66,8 +66,8 @@ class SlipMonitor:
     """Compares wheels and camera interval by interval.
 
     The turn needs no scale and is always compared, the distance once the scale is known. A distance that is wrong for
-    some time is slip. One that stays wrong by the same factor, while the turns agree, is a jump of the visual scale or a
-    steady slip of both wheels: if the scale jumps, the depth of the map changes by the factor too, since the ceiling
+    some time is slip. One that stays wrong by the same factor, while the turns agree, is a jump of the visual scale or
+    a steady slip of both wheels: if the scale jumps, the depth of the map changes by the factor too, since the ceiling
     stays where it is.
 
     Attributes:
@@ -161,7 +161,7 @@ class SlipMonitor:
         return found.turn_rad**2 > self._config.slip.gate * found.turn_variance
 
     def _jump_evidence(self, factor: float) -> float:
-        """Logarithm of the likelihood of the map's depths if the scale jumped by 1 + factor, relative to wheels that slip.
+        """Logarithm of the odds, by the map's depths, of a scale that jumped by 1 + factor to wheels that slip.
 
         In a jump, the depth is divided by 1 + factor; else it changes as it always does under this roof.
         """

@@ -47,6 +47,8 @@ class WheelStep:
         start_ns, end_ns = max(start_ns, self.start_ns), min(end_ns, self.end_ns)
         if end_ns <= start_ns:
             return None
+        if (start_ns, end_ns) == (self.start_ns, self.end_ns):
+            return self
         return WheelStep(start_ns, end_ns, self.rate * seconds(end_ns - start_ns), self.known)
 
 
@@ -71,6 +73,17 @@ class WheelMotion:
     def duration_s(self) -> float:
         """Seconds."""
         return seconds(self.end_ns - self.start_ns)
+
+    def then(self, further: "WheelMotion") -> "WheelMotion":
+        """This motion and the one that follows it."""
+        back = planar.adjoint(planar.inverse(further.pose))
+        return WheelMotion(
+            self.start_ns,
+            further.end_ns,
+            planar.compose(self.pose, further.pose),
+            back @ self.noise @ back.T + further.noise,
+            back @ self.jacobian + further.jacobian,
+        )
 
     @staticmethod
     def nothing(stamp_ns: int) -> "WheelMotion":
@@ -118,15 +131,13 @@ class WheelNoise:
 
     def extend(self, motion: WheelMotion, step: WheelStep) -> WheelMotion:
         """The motion with one more step."""
-        back = planar.adjoint(planar.expmap(-step.twist))
+        return motion.then(self.motion(step))
+
+    def motion(self, step: WheelStep) -> WheelMotion:
+        """The motion of one step."""
         J = planar.right_jacobian(step.twist)
-        return WheelMotion(
-            motion.start_ns,
-            step.end_ns,
-            planar.compose(motion.pose, planar.expmap(step.twist)),
-            back @ motion.noise @ back.T + J @ self.white(step) @ J.T,
-            back @ motion.jacobian + J @ self.sensitivity(step.twist),
-        )
+        noise, jacobian = J @ self.white(step) @ J.T, J @ self.sensitivity(step.twist)
+        return WheelMotion(step.start_ns, step.end_ns, planar.expmap(step.twist), noise, jacobian)
 
     def way_m(self, motion: WheelMotion) -> float:
         """Distance that the wheels rolled, for driving and turning separately, minus the distance rolled back."""

@@ -24,6 +24,7 @@ class WheelTrack:
         self._noise = noise
         self._horizon_ns = nanoseconds(horizon_s)
         self._steps: Deque[WheelStep] = deque()
+        self._motions: Deque[WheelMotion] = deque()  # of each step: they are asked for again and again
         self._since_mark = self._corrected = WheelMotion.nothing(0)  # until the first step sets a mark
         self._constants = np.zeros(2)
 
@@ -52,7 +53,9 @@ class WheelTrack:
         if self.empty:
             self.mark(step.start_ns, self._constants)
         self._steps.append(step)
+        self._motions.append(self._noise.motion(step))
         while self._steps[0].end_ns < step.end_ns - self._horizon_ns:
+            self._motions.popleft()
             self._fold(self._steps.popleft())
 
     def steps(self, start_ns: int, end_ns: int) -> List[WheelStep]:
@@ -68,13 +71,13 @@ class WheelTrack:
 
     def motion(self, start_ns: int, end_ns: int) -> WheelMotion:
         """The remembered motion within [start_ns, end_ns]."""
-        return self._extend(WheelMotion.nothing(start_ns), self.steps(start_ns, end_ns))
+        return self._continued(WheelMotion.nothing(start_ns), end_ns)
 
     def since_mark(self, end_ns: int) -> Optional[WheelMotion]:
         """The motion from the mark to a stamp; None when the stamp is before the mark, forgotten or still to come."""
         if self.empty or not self._since_mark.end_ns <= end_ns <= self.end_ns:
             return None
-        return self._extend(self._since_mark, self.steps(self._since_mark.end_ns, end_ns))
+        return self._continued(self._since_mark, end_ns)
 
     def corrected_since_mark(self, end_ns: int) -> WheelMotion:
         """The same, of a stamp that `since_mark` accepts, by wheels with the mark's constants."""
@@ -89,6 +92,19 @@ class WheelTrack:
         """
         self._since_mark = self._corrected = WheelMotion.nothing(stamp_ns)
         self._constants = constants
+
+    def _continued(self, motion: WheelMotion, end_ns: int) -> WheelMotion:
+        """A motion continued to a stamp."""
+        newest_first = []
+        for step, whole in zip(reversed(self._steps), reversed(self._motions)):
+            if step.end_ns <= motion.end_ns:
+                break
+            part = step.clip(motion.end_ns, end_ns)
+            if part is not None:
+                newest_first.append(whole if part is step else self._noise.motion(part))
+        for further in reversed(newest_first):
+            motion = motion.then(further)
+        return motion
 
     def _correct(self, steps: Sequence[WheelStep]) -> List[WheelStep]:
         return [self._noise.corrected(step, self._constants) for step in steps]

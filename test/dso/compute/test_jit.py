@@ -101,6 +101,7 @@ for kernel in (residual_kernels.sum_pattern, tracking_kernels.accumulate, activa
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx2"), reason="the processor has no gather instruction")
 def test_loops_over_pixels_are_vectorised(tmp_path):
     """They are as long as all that they call is inlined: nothing else tells, but twice the time."""

@@ -16,6 +16,8 @@ from ceiling_dso_ros.experiments.report.study import read_study
 from ceiling_dso_ros.experiments.report.tables import study_tables
 from ceiling_dso_ros.io.errors import InputError
 
+pytestmark = pytest.mark.long
+
 FIGURES = {
     *(f"{kind}_{sequence}" for kind in ("trajectories_by_rate", "trajectories_by_window", "error") for sequence in
       ("square", "loops")),
@@ -113,7 +115,6 @@ def test_no_study(tmp_path):
         read_study(tmp_path)
 
 
-@pytest.mark.long
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: scripts/bootstrap --tests installs it")
 @pytest.mark.parametrize("width", [400, 1000])
 def test_in_a_browser_it_fits_and_loads_nothing(study, tmp_path, width):

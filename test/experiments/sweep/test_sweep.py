@@ -124,6 +124,7 @@ test_sweep.study(plan.Plan({{"tour": [{drive!r}]}}, seeds=200), Path({out!r}), j
 """
 
 
+@pytest.mark.long
 def test_killed_at_any_moment_it_goes_on(drive, tmp_path):
     plan = Plan({"tour": [drive]}, seeds=200)
     study(plan, tmp_path / "whole")

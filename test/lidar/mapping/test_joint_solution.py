@@ -11,6 +11,8 @@ from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, find_landmar
 from ceiling_dso_ros.lidar.mapping.pose_kernels import SUMS
 from ceiling_dso_ros.lidar.scans.poses import between, compose, inverse, transformed, wrap
 
+pytestmark = pytest.mark.long
+
 NOISE_M = 0.02
 
 

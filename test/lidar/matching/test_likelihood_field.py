@@ -34,6 +34,7 @@ def field_of(points, radius_m=6.0):
     return field
 
 
+@pytest.mark.long
 def test_gauss_newton_finds_the_pose_and_its_information_tells_the_error():
     rng = np.random.default_rng(0)
     errors, sigmas = [], []
@@ -89,6 +90,7 @@ def test_gradient_is_that_of_the_likelihood():
     np.testing.assert_allclose(sums(pose), numeric, rtol=1e-3, atol=1e-2)
 
 
+@pytest.mark.long
 def test_search_finds_a_pose_that_is_far_away():
     rng = np.random.default_rng(3)
     field = field_of(np.concatenate([room(rng) for _ in range(3)]))

@@ -10,6 +10,8 @@ from ceiling_dso_ros.simulation.ceilings.drawn.hangings import HANGINGS, LOWEST_
 from ceiling_dso_ros.simulation.ceilings.drawn.roofs import ROOFS, Roof, draw_roof
 from ceiling_dso_ros.simulation.rendering import materials
 
+pytestmark = pytest.mark.long
+
 SEEDS = range(100)  # those for building
 
 

@@ -117,6 +117,7 @@ def test_poses_between_steps_follow_the_rates():
     np.testing.assert_allclose(velocity[1:-1, 2], rates[1:-1, 1], atol=2e-3)
 
 
+@pytest.mark.long
 def test_only_the_near_past_is_kept():
     motion = base()
     drive(motion, 60.0, 0.2)
