@@ -59,6 +59,24 @@ def test_wrong_usage_is_one_line(monkeypatch, capsys, arguments):
     assert complaint.count("\n") == 1
 
 
+def test_the_home_folder_is_meant_also_where_the_shell_does_not_say_so(monkeypatch):
+    """As in --out=~/drive."""
+    found = []
+
+    class Command:
+        @staticmethod
+        def add_parser(commands):
+            parser = commands.add_parser("try")
+            parser.add_argument("--out", type=Path)
+            parser.set_defaults(execute=lambda options: found.append(options.out))
+
+    monkeypatch.setattr(main_module, "COMMANDS", (Command,))
+    monkeypatch.setenv("HOME", "/home/somebody")
+    for words in (["--out=~/drive"], ["--out", "drive~"], []):
+        assert main(["try", *words]) == 0
+    assert found == [Path("/home/somebody/drive"), Path("drive~"), None]
+
+
 def test_version_is_that_of_the_manifest(command):
     version = ElementTree.parse(Path(__file__).parents[2] / "package.xml").findtext("version")
     assert ceiling_dso_ros.__version__ == version

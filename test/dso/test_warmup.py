@@ -4,6 +4,8 @@
 import os
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -81,3 +83,33 @@ def test_the_marker_depends_on_the_sources(monkeypatch, tmp_path):
     monkeypatch.setattr(warmup, "__file__", str(tmp_path / "warmup.py"))
     assert warmup._marker().parent == before.parent
     assert warmup._marker() != before
+
+
+def test_the_process_that_compiles_ends_with_the_one_that_waits_for_it(tmp_path):
+    """Nobody else would end it, and who starts next compiles as well."""
+    (tmp_path / "endless.py").write_text(
+        """
+import time
+from ceiling_dso_ros.dso.compute.kernel_cache import fill_cache
+open("began", "w").close()
+fill_cache(None, set(), lambda: time.sleep(60.0))
+"""
+    )
+    script = """
+from pathlib import Path
+from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing
+compile_if_missing(Path("never"), "endless", print)
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *(path for path in sys.path if path)])}
+    waiting = subprocess.Popen([sys.executable, "-c", script], env=environment, cwd=tmp_path)
+    children = Path(f"/proc/{waiting.pid}/task/{waiting.pid}/children")
+    while not (tmp_path / "began").exists():
+        assert waiting.poll() is None
+        time.sleep(0.01)
+    (compiling,) = children.read_text().split()
+    waiting.kill()
+    waiting.wait()
+    deadline_s = time.monotonic() + 50.0  # without its end it would sleep for longer
+    while Path(f"/proc/{compiling}").exists() and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert time.monotonic() < deadline_s

@@ -130,10 +130,13 @@ def test_a_topic_that_is_not_there_lists_those_that_are(path):
         write_images(bag, topic="/front/image_raw")
         bag.compressed_image("/rear/image/compressed", START_NS, "optical", b"", "jpeg")
         bag.ticks("/wheel/left/ticks", START_NS, 1)
-    expected = f"{path}: topic {IMAGE} is not in the bag; its image topics are /front/image_raw, /rear/image/compressed"
+    others = "choose with --image-topic: it has /front/image_raw, /rear/image/compressed"
+    expected = f"{path}: topic {IMAGE} is not in the bag; {others}"
     with pytest.raises(InputError, match=re.escape(expected)):
         open_recording(path)
-    expected = f"{path}: topic /wheel/left/ticks holds std_msgs/msg/Int32, no images; its image topics are /front"
+    expected = (
+        f"{path}: topic /wheel/left/ticks holds std_msgs/msg/Int32, no images; choose with --image-topic: it has /front"
+    )
     with pytest.raises(InputError, match=re.escape(expected)):
         open_recording(path, TopicNames(image="/wheel/left/ticks"))
 

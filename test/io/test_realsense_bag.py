@@ -126,7 +126,9 @@ def test_another_stream_can_be_named(path):
     write(path, stream=stream)
     topics = TopicNames(image=f"{stream}/image/data")
     assert listed(path, topics=topics).exposures_ms[0] == 8.0
-    with pytest.raises(InputError, match="is not in the bag; its image topics are /device_0/sensor_0/Infrared_2/image"):
+    with pytest.raises(
+        InputError, match="is not in the bag; choose with --image-topic: it has /device_0/sensor_0/Infrared_2/image"
+    ):
         open_recording(path)
 
 

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
+import os
 import re
 
 import numpy as np
@@ -73,6 +74,12 @@ def test_frames_and_skipped_frames_carry_the_very_stamps():
 def test_topics_beside_the_image():
     assert TopicNames().beside_image("camera_info") == "/camera/up/camera_info"
     assert TopicNames(image="/cam/image_raw/compressed").beside_image("camera_info") == "/cam/camera_info"
+
+
+def test_a_pipe_is_refused_before_it_blocks(tmp_path):
+    os.mkfifo(tmp_path / "pipe.bag")
+    with pytest.raises(InputError, match="neither a folder nor a file"):
+        open_recording(tmp_path / "pipe.bag")
 
 
 def test_a_path_that_is_not_there(tmp_path):

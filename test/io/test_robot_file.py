@@ -61,6 +61,9 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
         (ROBOT.replace("0.485", ".nan"), "wheel_base must be a positive number, not nan"),
         (ROBOT.replace("4096", "9" * 310), "ticks_per_turn must be a positive number, not 999"),  # no float is so large
         (ROBOT.replace("0.099", "9" * 310), "wheel_radius must be 2 positive numbers, not [0.098, 999"),
+        (ROBOT.replace("0.098", "98"), "wheel_radius has 98 m, no robot is so large; it is given in metres"),
+        (ROBOT.replace("0.485", "485"), "wheel_base has 485 m, no robot is so large; it is given in metres"),
+        (ROBOT + MOUNT.replace("0.18", "-180"), "xyz of T_base_camera has -180 m, no robot is so large; it is given"),
         (ROBOT + MOUNT + "camera_time_offset: late", "camera_time_offset must be a number, not late"),
         (ROBOT, "T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"),
         (ROBOT + MOUNT.replace("[0, 0, 1, 1]", "[0, 0, 0, 0]"), "T_base_camera must have xyz (3 numbers, metres)"),

@@ -60,6 +60,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         command.add_parser(commands)
     options = parser.parse_args(arguments)
     try:
+        for name, value in vars(options).items():
+            if isinstance(value, Path):  # a shell leaves the ~ of --out=~/drive as it is
+                setattr(options, name, value.expanduser())
         options.execute(options)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)

@@ -136,7 +136,7 @@ class BagRecording(Recording):
                 return topic
         problem = f"holds {self._types[wanted]}, no images" if wanted in self._types else "is not in the bag"
         topics = sorted(topic for topic, message_type in self._types.items() if message_type in DECODERS)
-        remedy = f"its image topics are {', '.join(topics)}" if topics else "it has no images at all"
+        remedy = f"choose with --image-topic: it has {', '.join(topics)}" if topics else "it has no images at all"
         raise InputError(f"{self.path}: topic {wanted} {problem}; {remedy}")
 
     def _image_messages(self) -> Iterator[RawMessage]:

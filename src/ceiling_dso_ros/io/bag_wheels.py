@@ -81,8 +81,10 @@ class BagWheels:
     def _asked_for(self, samples: Optional[WheelSamples], kind: str, *topics: str) -> WheelSamples:
         if samples is None:
             absent = [topic for topic in topics if topic not in self._types]
-            what = f"{' and '.join(absent)} not in the bag" if absent else f"no samples on {' and '.join(topics)}"
+            if not absent:
+                raise InputError(f"{self._path}: no samples on {' and '.join(topics)} that can be used, as said above")
             others = ", ".join(self._of_type(kind)) or "none"
+            what = f"{' and '.join(absent)} not in the bag"
             raise InputError(f"{self._path}: {what}; its topics of {kind.replace('/msg', '')}: {others}")
         return samples
 

@@ -36,6 +36,8 @@ def open_recording(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: there is no such folder or bag")
+    if not path.is_dir() and not path.is_file():
+        raise InputError(f"{path}: neither a folder nor a file; a pipe or a device cannot be read twice")
     camera_path = None if camera_file is None else Path(camera_file)
     robot_path = None if robot_file is None else Path(robot_file)
     if rectified and (path.is_dir() or camera_path is not None):

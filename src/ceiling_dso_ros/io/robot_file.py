@@ -20,6 +20,8 @@ NAMES = {
     "camera_time_offset": None,
 }
 
+LARGEST_ROBOT_M = 20.0  # from its base to the camera, or from wheel to wheel
+
 
 def read_robot_file(path: Path, find_mount: Optional[Callable[[], np.ndarray]] = None) -> RobotDescription:
     """Read a robot's dimensions; see `robot_from_values`.
@@ -55,6 +57,8 @@ def robot_from_values(values: Mapping, source: str, T_base_camera: Optional[np.n
     (ticks_per_turn,) = _positive_numbers(values, "ticks_per_turn", 1, source)
     left_m, right_m = _positive_numbers(values, "wheel_radius", 2, source)
     (wheel_base_m,) = _positive_numbers(values, "wheel_base", 1, source)
+    _require_metres((left_m, right_m), "wheel_radius", source)
+    _require_metres((wheel_base_m,), "wheel_base", source)
     if mount != "" or T_base_camera is None:
         T_base_camera = _transform(mount, source)
     offset_s = _numbers(values.get("camera_time_offset", 0.0), 1)
@@ -83,6 +87,13 @@ def _positive_numbers(values: Mapping, key: str, count: int, source: str) -> Seq
     return numbers
 
 
+def _require_metres(lengths_m: Sequence[float], key: str, source: str) -> None:
+    if max(map(abs, lengths_m)) > LARGEST_ROBOT_M:
+        raise InputError(
+            f"{source}: {key} has {max(lengths_m, key=abs):g} m, no robot is so large; it is given in metres"
+        )
+
+
 def _transform(value: Any, source: str) -> np.ndarray:  # noqa: ANN401
     value = value if isinstance(value, dict) else {}
     translation, quaternion = _numbers(value.get("xyz"), 3), _numbers(value.get("quat_xyzw"), 4)
@@ -90,6 +101,7 @@ def _transform(value: Any, source: str) -> np.ndarray:  # noqa: ANN401
         raise InputError(
             f"{source}: T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"
         )
+    _require_metres(translation, "xyz of T_base_camera", source)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     T[:3, 3] = translation

@@ -13,12 +13,16 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 from typing import Callable, Optional, Sequence, Set
 
 import llvmlite.binding as llvm
 import numba
 
 from ceiling_dso_ros.dso.compute.jit import cache_folder, cache_problem
+
+PARENT = "CEILING_DSO_COMPILES_FOR"  # environment variable: pid of the process that waits for the kernels
+PARENT_PERIOD_S = 0.5
 
 
 def python_tag() -> str:
@@ -58,7 +62,11 @@ def compile_if_missing(marker: Optional[Path], module: str, tell: Callable[[str]
         tell(cache_problem())
     if marker is not None and not marker.exists():
         tell("compiling the kernels, which takes a minute or two the first time")
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+            PARENT: str(os.getpid()),
+        }
         subprocess.run([sys.executable, "-m", module], env=environment, stdout=subprocess.DEVNULL, check=False)
 
 
@@ -74,6 +82,8 @@ def fill_cache(marker: Optional[Path], folders: Set[Path], warm_up: Callable[[],
         Exit code of the command that does only this.
     """
     start_s = time.perf_counter()
+    if PARENT in os.environ:
+        Thread(target=_end_with_parent, args=(int(os.environ[PARENT]),), daemon=True).start()
     if marker is not None and not marker.exists():
         remove_outdated(folders, marker.name.partition(".")[0])
     if not warm_up():
@@ -84,6 +94,13 @@ def fill_cache(marker: Optional[Path], folders: Set[Path], warm_up: Callable[[],
             marker.touch()
     print(f"kernels compiled and cached: ready in {time.perf_counter() - start_s:.1f} s")
     return 0
+
+
+def _end_with_parent(parent_pid: int) -> None:
+    """Nobody waits for the kernels any more, and who starts again compiles the rest."""
+    while os.getppid() == parent_pid:
+        time.sleep(PARENT_PERIOD_S)
+    os._exit(1)
 
 
 def remove_outdated(folders: Set[Path], name: str) -> None:
