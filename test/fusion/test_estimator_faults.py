@@ -37,6 +37,28 @@ def test_silent_wheels_are_reported_and_the_camera_carries_the_pose(simulate, tr
     assert (np.diff([state.stamp_ns for state in outputs]) > 0).all()
 
 
+def test_wheels_that_count_anew_after_a_silence_do_not_stop_the_pose(simulate, truth):
+    """As when their node was restarted: the first motion is not known, but the camera saw how fast the robot is."""
+    drive = simulate("loops", 20.0, 1, truth())
+    back_ns = drive.stamps[0] + nanoseconds(13.0)
+    zero = np.array(next(sample[1:] for sample in drive.ticks if sample[0] >= back_ns))
+    ticks = [sample for sample in drive.ticks if sample[0] < back_ns - nanoseconds(2.0)]
+    ticks += [(sample[0], *(np.array(sample[1:]) - zero)) for sample in drive.ticks if sample[0] >= back_ns]
+    estimator, outputs = FusionEstimator(drive.robot), []
+    for stamp_ns, is_camera, data in dataclasses.replace(drive, ticks=ticks).events():
+        if is_camera:
+            outputs += [estimator.add_keyframes(data), estimator.add_frame(data)]
+        else:
+            outputs.append(estimator.add_wheel_ticks(stamp_ns, *data))
+    outputs = [state for state in outputs if state is not None and state.stamp_ns > back_ns - nanoseconds(1.0)]
+    assert any("wheels: counters restarted" in state.reasons for state in outputs)
+    for before, after in zip(outputs, outputs[1:]):
+        true = planar.between(drive.pose_at(before.stamp_ns), drive.pose_at(after.stamp_ns))
+        beyond = planar.between(true, planar.between(before.pose, after.pose))
+        assert np.hypot(*beyond[:2]) < 0.01
+        assert abs(beyond[2]) < 0.01
+
+
 def test_images_without_wheels_do_not_pile_up(loops):
     """One wheel sample, then none: nothing tells when the camera's data could be used."""
     estimator = FusionEstimator(loops.robot)

@@ -26,8 +26,8 @@ class Stream:
         monkeypatch.setattr(run_clock, "time_is_simulated", lambda: True)
         monkeypatch.setattr(rospy, "logwarn", lambda *_: None)
         monkeypatch.setattr(rospy, "get_time", lambda: 1e-9 * (self.clock_ns or 0))
-        self.clock = run_clock.RunClock()
         self.interval_ns, self.runs, self.clock_ns = interval_ns, 0, None
+        self.clock = run_clock.RunClock()
         self.next_ns = BEGIN_NS
 
     def hear(self, count):
@@ -88,3 +88,17 @@ def test_after_a_pause_the_run_goes_on(stream, clock_agrees):
 def test_a_slow_stream_is_believed_from_its_third_stamp_on(monkeypatch):
     stream = Stream(monkeypatch, 5 * S)
     assert stream.hear(5) == [StampKind.NEXT, StampKind.DOUBTED, *[StampKind.NEXT] * 3]
+
+
+def test_where_the_clock_was_set_back_time_goes_on_by_what_has_elapsed(monkeypatch):
+    """What came in between may have been left out, by this node or by the one before."""
+    monkeypatch.setattr(run_clock, "time_is_simulated", lambda: False)
+    monkeypatch.setattr(rospy, "logwarn", lambda *_: None)
+    now_ns = 0
+    clock = run_clock.RunClock(lambda: now_ns)
+    for k in range(100):
+        now_ns = k * 20 * MS
+        back_ns = 300 * MS if k >= 50 else 0
+        if not 50 <= k < 53:  # as the node before needs these to be sure
+            clock.follow(BEGIN_NS + now_ns - back_ns, pytest.fail)
+    assert clock.last_ns == BEGIN_NS + now_ns

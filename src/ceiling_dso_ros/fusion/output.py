@@ -111,14 +111,14 @@ class LiveOutput:
             step: as measured.
             slipping: the camera contradicts the wheels now.
             seen: the camera will soon show the motion of this step. Then a change of speed that no robot is capable of
-                waits for it.
+                waits for it, and so does a step that is not known.
 
         Returns:
             The step to use: a prediction if the sample is not usable.
         """
         self._twist.advance(step.end_ns)
-        possible = slipping or not step.known or self._twist.add_step(step)
-        if slipping or (seen and not possible):  # the robot is assumed to keep its velocity; images correct that
+        usable = step.known and not slipping and self._twist.add_step(step)
+        if slipping or (seen and not usable):  # the robot is assumed to keep its velocity; images correct that
             forward, turn = step.duration_s * self.twist
             step = replace(step, twist=np.array([forward, 0.0, turn]), known=False)
         self._relative.predict(step)

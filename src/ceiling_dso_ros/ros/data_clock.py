@@ -87,14 +87,19 @@ class DataClock:
         follow = len(self._late_ns) > FOLLOWERS and self._last_ns - inner_ns > STILL_LATE_NS
         return StampKind.BACK if follow or self._last_ns - inner_ns > BACKWARDS_NS else StampKind.LATE
 
-    def set_back(self, stamp_ns: int) -> None:
-        """Continue from a stamp that is BACK; the unknown time before it is taken as the last two stamps' interval."""
-        if self._last_ns is not None:  # nothing lies before the first stamp
-            self._begin_era(self._last_ns, stamp_ns)
+    def set_back(self, stamp_ns: int, elapsed_ns: int = 0) -> None:
+        """Continue from a stamp that is BACK.
 
-    def _begin_era(self, last_ns: int, stamp_ns: int) -> None:
-        since_ns = self._late_ns[-1] - self._late_ns[0] if self._late_ns else 0
-        self._last_ns, self._late_ns = last_ns + self._interval_ns + since_ns, []
+        Args:
+            stamp_ns: the stamp.
+            elapsed_ns: time since the last one that was NEXT. At least the last two stamps' interval has elapsed.
+        """
+        if self._last_ns is not None:  # nothing lies before the first stamp
+            self._begin_era(self._last_ns, stamp_ns, elapsed_ns)
+
+    def _begin_era(self, last_ns: int, stamp_ns: int, elapsed_ns: int = 0) -> None:
+        late_ns = self._late_ns[-1] - self._late_ns[0] if self._late_ns else 0
+        self._last_ns, self._late_ns = last_ns + max(self._interval_ns + late_ns, elapsed_ns), []
         self._eras.append(Era(self._last_ns, self._last_ns - stamp_ns))
         del self._eras[:-MOST_ERAS]
 

@@ -1,21 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Which images fusion_node may use: those of the present run, in order, at the wheels' time."""
 
-import time
 from typing import Callable, Optional
 
-import rospy
-
-from ceiling_dso_ros.dso.durations import nanoseconds, seconds
+from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.io.arrival_clock import ClockAgreement
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS
+from ceiling_dso_ros.ros.node import arrival_clock
 
 CAMERA_AHEAD_NS = 10**9  # right after a restart, images this far ahead of the wheels belong to the run before
-
-
-def arrival_clock(is_simulated: bool) -> Callable[[], int]:
-    """A clock that gives nanoseconds and is never set; where time is simulated, it stands still as that does."""
-    return (lambda: nanoseconds(rospy.get_time())) if is_simulated else time.monotonic_ns
 
 
 class ImageOrder:

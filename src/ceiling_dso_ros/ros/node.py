@@ -2,11 +2,13 @@
 """Runs a node; common to all executables."""
 
 import sys
+import time
 from contextlib import contextmanager
 from typing import Callable, Iterator
 
 import rospy
 
+from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
 
@@ -42,3 +44,8 @@ def publishing() -> Iterator[None]:
 def time_is_simulated() -> bool:
     """Whether the nodes live in the time of a bag or a simulation, which may begin again."""
     return bool(rospy.get_param("/use_sim_time", False))
+
+
+def arrival_clock(is_simulated: bool) -> Callable[[], int]:
+    """A clock that gives nanoseconds and is never set; where time is simulated, it stands still as that does."""
+    return (lambda: nanoseconds(rospy.get_time())) if is_simulated else time.monotonic_ns

@@ -7,7 +7,7 @@ import rospy
 
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.ros.data_clock import BACKWARDS_NS, DataClock, StampKind
-from ceiling_dso_ros.ros.node import time_is_simulated
+from ceiling_dso_ros.ros.node import arrival_clock, time_is_simulated
 
 USUAL_INTERVALS = 4  # a longer way from the last stamp, in intervals of the stream, is far
 
@@ -23,10 +23,17 @@ class RunClock(DataClock):
         is_simulated: time is that of a bag or a simulation.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, now_ns: Optional[Callable[[], int]] = None) -> None:
+        """Begin with the next stamp.
+
+        Args:
+            now_ns: `arrival_clock`, unless it is that of a test.
+        """
         self._usual_ns = 0  # last interval of the stream, which the next run has, too
         super().__init__()
         self.is_simulated = time_is_simulated()
+        self._now_ns = now_ns or arrival_clock(self.is_simulated)
+        self._heard_ns = self._now_ns()
 
     def reset(self) -> None:
         """Begin with the next stamp, whatever it is."""
@@ -42,7 +49,10 @@ class RunClock(DataClock):
         """
         if self.is_simulated and self._is_doubted(stamp_ns):
             return StampKind.DOUBTED
-        kind = self.take(stamp_ns)
+        kind, now_ns = self.take(stamp_ns), self._now_ns()
+        elapsed_ns = now_ns - self._heard_ns
+        if kind in (StampKind.NEXT, StampKind.BACK):
+            self._heard_ns = now_ns
         if kind is StampKind.BACK:
             went_back = f"time went backwards by {self.behind_s(stamp_ns):.3f} s"
             if self.is_simulated and -self.ahead_ns(stamp_ns) > BACKWARDS_NS:
@@ -52,7 +62,7 @@ class RunClock(DataClock):
                 self.take(stamp_ns)
             else:
                 rospy.logwarn(f"{went_back}: the clock was set back, the pose does not change")
-                self.set_back(stamp_ns)
+                self.set_back(stamp_ns, elapsed_ns)
         return kind
 
     def _is_doubted(self, stamp_ns: int) -> bool:
