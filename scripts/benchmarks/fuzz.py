@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 from typing import List
 
-from support.fuzzing import bags, commands, files, handlers
+from support.fuzzing import bags, commands, files, handlers, maps
 from support.fuzzing.runner import Outcome, limit_addresses, run
 from tabulate import tabulate
 
@@ -42,7 +42,13 @@ def main() -> int:
     outcomes: List[Outcome] = []
     with tempfile.TemporaryDirectory() as name, handlers.without_a_master(Path(name)) as nodes:
         folder = Path(name)
-        targets = [*files.targets(folder), *bags.targets(folder), *nodes, *commands.targets(folder)]
+        targets = [
+            *files.targets(folder),
+            *maps.targets(folder),
+            *bags.targets(folder),
+            *nodes,
+            *commands.targets(folder),
+        ]
         limit_addresses()
         for target in targets:
             if options.only and not any(word in target.name for word in options.only):

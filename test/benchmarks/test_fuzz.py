@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from support.fuzzing import bags, commands, files, runner
+from support.fuzzing import bags, commands, files, maps, runner
 from support.fuzzing.rules import USED, BrokenRuleError, outcome_of, require_clear_line, require_finite
 from support.fuzzing.runner import Target, run
 
@@ -20,7 +20,7 @@ INPUTS = 15  # of each target; the first of a full run
 @pytest.fixture(scope="module")
 def targets(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fuzz")
-    return [*files.targets(folder), *bags.targets(folder), *commands.targets(folder)]
+    return [*files.targets(folder), *maps.targets(folder), *bags.targets(folder), *commands.targets(folder)]
 
 
 @pytest.mark.long

@@ -71,6 +71,25 @@ def test_another_version_or_kind_is_named(site, tmp_path, change, reason):
         read_map(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("pose.npy", lambda data: data.replace(b"'shape': (3, 3)", b"'shape': (3, 3 ")),  # numpy tokenizes it
+        ("pose.npy", lambda data: data.replace(b"'shape': (3, 3)", b"'shape': (-3,-3)")),
+        (HEAD, lambda data: data.replace(b"212", b"1e999", 1)),
+        (HEAD, lambda data: b"[" * 100_000),
+    ],
+)
+def test_contents_that_make_no_sense_are_refused_in_one_line(site, tmp_path, name, change):
+    path = tmp_path / "site"
+    changed = rewritten(map_bytes(site), name, change)
+    assert changed != rewritten(map_bytes(site), name, lambda data: data)
+    path.write_bytes(changed)
+    with pytest.raises(InputError, match="is no map, or is damaged") as caught:
+        read_map(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_edges_to_nowhere_are_refused(site, tmp_path):
     write_map(tmp_path / "site", replace(site, edges=(site.edges[0]._replace(end=7),)))
     with pytest.raises(InputError, match="is damaged"):

@@ -4,6 +4,8 @@
 import io
 import json
 import math
+import struct
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -42,6 +44,12 @@ ARRAYS = {
     "edge_is_loop": ("|b1", "E"),
 }
 
+DAMAGES = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError),  # of the archive, also of deep nesting
+    *(tokenize.TokenError, SyntaxError),  # of numpy's headers
+    *(ValueError, KeyError, TypeError, ArithmeticError),  # of what is in it
+)
+
 
 def write_map(path: Union[str, Path], site: SiteMap) -> None:
     """Write a map; an older file is replaced when this one is complete.
@@ -77,7 +85,7 @@ def read_map(path: Union[str, Path]) -> SiteMap:
         raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
     except _NewerVersionError as error:
         raise InputError(f"{path}: {error}") from error
-    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, TypeError, EOFError, RuntimeError) as error:
+    except DAMAGES as error:
         raise InputError(f"{path}: is no map, or is damaged; build it again with `map build` ({error})") from error
 
 

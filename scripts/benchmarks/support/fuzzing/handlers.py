@@ -8,7 +8,6 @@ finite, and such that it can be sent.
 import itertools
 import sys
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from random import Random
 from typing import Any, Callable, Dict, Iterator, List
@@ -17,13 +16,12 @@ import cv2
 import numpy as np
 import pytest
 from support.checkout import CHECKOUT
-from support.fuzzing.messages import mutated_message, serialised
+from support.fuzzing import map_handlers
 from support.fuzzing.mutations import mutated_tree
+from support.fuzzing.nodes import Message, Node, World, wrong
 from support.fuzzing.recordings import picture, stamp_ns, visual_status
-from support.fuzzing.rules import REFUSED, USED, BrokenRuleError, outcome_of, require_clear_line, require_finite
+from support.fuzzing.rules import outcome_of, require_clear_line
 from support.fuzzing.runner import Case, Target
-
-from ceiling_dso_ros.io.ros_messages import TYPES
 
 sys.path.insert(0, str(CHECKOUT / "test" / "ros"))
 
@@ -31,7 +29,7 @@ import rospy
 import tf2_ros
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry
-from rosless import Rosless, parameters_of
+from rosless import parameters_of
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, PointCloud2
 from std_msgs.msg import Header, Int32
 from tf2_msgs.msg import TFMessage
@@ -52,87 +50,13 @@ from ceiling_dso_ros.srv import SetPoseRequest
 
 ROBOT = {"ticks_per_turn": 4096.0, "wheel_radius": [0.1, 0.1], "wheel_base": 0.5}
 MOUNT = {"xyz": [0.0, 0.0, 0.5], "quat_xyzw": [0.0, 0.0, 0.0, 1.0]}
-UNKNOWN = ("rmse", "scale", "sigma")  # fields in which NaN means that there is none
-GO_ON = 60  # good messages after which there must be output again: more than a second
 IMAGE_SIZE = (192, 160)
 
-Message = Any  # ROS has no types
-World = Any
 OUTPUT, WHEELS = "odometry/filtered", "wheel/odometry"
 STATUS, KEYFRAMES, POINTS = "visual_odometry/status", "visual_odometry/keyframes", "visual_odometry/points"
 
 
-def wrong(random: Random, message: Message) -> Message:
-    """A message as another node may send it instead."""
-    buffer = BytesIO()
-    message.serialize(buffer)
-    known = TYPES.deserialize_ros1(buffer.getvalue(), message._type.replace("/", "/msg/"))
-    changed = type(message)().deserialize(serialised(mutated_message(random, known)))
-    changed._connection_header = {"callerid": "/other"}
-    return changed
-
-
-class _World(Rosless):  # type: ignore[misc]  # of the tests, which are not checked
-    """Stands for the master; what is published must be finite."""
-
-    def publish(self, topic: str, message: Message) -> None:
-        super().publish(topic, message)
-        require_finite(message, topic, UNKNOWN)
-        message.serialize(BytesIO())
-
-    def require_clear_log(self) -> None:
-        """Nothing that was logged, or is said in the diagnostics, tells of an error of Python."""
-        logged: List[str] = list(self.logged)
-        self.logged.clear()
-        for line in logged:
-            require_clear_line(line)
-        report = self.diagnostics()
-        for text in (report.message, *(each.value for each in report.values)):
-            if text:
-                require_clear_line(text)
-
-
-class _Node:
-    """A server that good and wrong messages come to; the messages of a subclass are those of a drive straight on."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, **private: object) -> None:
-        self.world: World = _World(patch, **private)
-        self.index = 0
-
-    def good(self) -> None:
-        """Send the next good message."""
-        raise NotImplementedError
-
-    @property
-    def outputs(self) -> int:
-        """How many there were."""
-        raise NotImplementedError
-
-    def use(self, act: Callable[[], object]) -> str:
-        """Do something wrong, and then hear good messages until there is output again."""
-        rejected = self.rejected
-        act()
-        before = self.outputs
-        for _ in range(GO_ON):
-            self.good()
-            if self.outputs > before:
-                break
-        else:
-            raise BrokenRuleError(f"no output after {GO_ON} good messages")
-        self.world.require_clear_log()
-        return USED if self.rejected == rejected else REFUSED
-
-    @property
-    def rejected(self) -> int:
-        """How many messages were not used."""
-        raise NotImplementedError
-
-    def hear(self, topic: str, message: Message) -> str:
-        """Hear a wrong message."""
-        return self.use(lambda: self.world.callbacks[topic](message))
-
-
-class _Wheels(_Node):
+class _Wheels(Node):
     def __init__(self, patch: pytest.MonkeyPatch, **private: object) -> None:
         super().__init__(patch, robot=ROBOT, **private)
         self.server = WheelServer()
@@ -148,7 +72,7 @@ class _Wheels(_Node):
         return JointState(header, ["left_wheel", "right_wheel"], [angle, angle], [1.0, 1.0], [])
 
     def good(self) -> None:
-        """See _Node."""
+        """See Node."""
         if "joint_states" in self.world.callbacks:
             self.world.callbacks["joint_states"](self.message())
             return
@@ -158,16 +82,16 @@ class _Wheels(_Node):
 
     @property
     def outputs(self) -> int:
-        """See _Node."""
+        """See Node."""
         return int(self.world.sent.get(WHEELS, 0))
 
     @property
     def rejected(self) -> int:
-        """See _Node."""
+        """See Node."""
         return self.server._samples.rejected
 
 
-class _Fusion(_Node):
+class _Fusion(Node):
     def __init__(self, patch: pytest.MonkeyPatch, **private: object) -> None:
         super().__init__(patch, **{"robot": {**ROBOT, "T_base_camera": MOUNT}, **private})
         self.server = FusionServer()
@@ -192,23 +116,23 @@ class _Fusion(_Node):
         return status_message(Header(stamp=ros_time(status.stamp_ns), frame_id="vo"), status)
 
     def good(self) -> None:
-        """See _Node."""
+        """See Node."""
         self.world.callbacks[WHEELS](self.wheels())
         if self.index % 2 == 0:
             self.world.callbacks[STATUS](self.status())
 
     @property
     def outputs(self) -> int:
-        """See _Node."""
+        """See Node."""
         return int(self.world.sent.get(OUTPUT, 0))
 
     @property
     def rejected(self) -> int:
-        """See _Node."""
+        """See Node."""
         return self.server._wheels.rejected + self.server._images.rejected
 
 
-class _Camera(_Node):
+class _Camera(Node):
     def __init__(self, patch: pytest.MonkeyPatch, **private: object) -> None:
         super().__init__(patch, mapping="sequential", motion_prediction=True, **private)
         patch.setattr("ceiling_dso_ros.ros.dso_server.CALIBRATION_TIMEOUT_S", 0.0)
@@ -237,7 +161,7 @@ class _Camera(_Node):
         return Image(header, height, width, "mono8", 0, width, pixels.tobytes())
 
     def good(self) -> None:
-        """See _Node."""
+        """See Node."""
         self.world.callbacks["camera_info"](self.camera_info())
         self.process(self.image())
 
@@ -254,7 +178,7 @@ class _Camera(_Node):
 
     @property
     def rejected(self) -> int:
-        """See _Node."""
+        """See Node."""
         return self.server._images.rejected
 
 
@@ -296,6 +220,7 @@ def without_a_master(folder: Path) -> Iterator[List[Target]]:
             target("camera_info", 600, _Camera, _camera_info),
             target("exposure", 300, _Camera, _exposure),
             target("motion prediction", 300, _Camera, _prediction),
+            *(target(name, count, map_handlers.Map, make) for name, count, make in map_handlers.TARGETS),
             Target("parameters", 1000, lambda: _parameters(patch)),
         ]
     finally:
@@ -425,7 +350,7 @@ def _parameters(patch: pytest.MonkeyPatch) -> Callable[[Random], Case]:
         "fusion_node": ((FusionParameters, FusionConfig), robot),
         "wheel_odometry_node": ((WheelParameters,), robot),
     }
-    _World(patch)
+    World(patch)
 
     def make(random: Random) -> Case:
         name = random.choice(list(nodes))
