@@ -80,14 +80,33 @@ def test_motions_are_of_one_solution_even_where_a_node_has_left_the_graph(window
     np.testing.assert_allclose(second.metres_per_unit, 3.0)
 
 
-def test_one_that_leaves_after_a_later_one_is_left_out():
+def test_the_motion_to_one_that_leaves_after_a_later_one_leads_back():
     drive = Drive()
-    for number in range(4):
+    for number in range(6):
         drive.keyframe(number)
-    assert [left.keyframe_id for left in drive.keyframe(4, leaving=[2])] == [2]
-    assert drive.keyframe(5, leaving=[1]) == []
-    (third,) = drive.keyframe(6, leaving=[3])
-    assert third.before_ns == 200
+    (late,) = drive.keyframe(6, leaving=[4])
+    (early,) = drive.keyframe(7, leaving=[1])
+    assert (early.keyframe_id, early.before_ns) == (1, 400)
+    np.testing.assert_allclose(early.motion, planar.inverse(motion_of(3)), atol=1e-12)
+    ahead = planar.adjoint(motion_of(3))
+    there = sum(
+        back @ COVARIANCE @ back.T for back in (planar.adjoint(planar.inverse(motion_of(steps))) for steps in range(3))
+    )
+    np.testing.assert_allclose(early.covariance, ahead @ there @ ahead.T, atol=1e-12)
+    np.testing.assert_allclose(planar.compose(late.pose, early.motion)[2], early.pose[2], atol=1e-12)
+    (next_one,) = drive.keyframe(8, leaving=[5])
+    assert next_one.before_ns == 100
+    np.testing.assert_allclose(next_one.motion, motion_of(4), atol=1e-12)
+
+
+def test_one_that_leaves_when_the_graph_has_forgotten_it_is_left_out():
+    drive = Drive(window=4)
+    for number in range(8):
+        drive.keyframe(number)
+    assert [left.keyframe_id for left in drive.keyframe(8, leaving=[6])] == [6]
+    assert drive.keyframe(9, leaving=[2]) == []
+    (third,) = drive.keyframe(10, leaving=[7])
+    assert third.before_ns == 600
 
 
 def test_nothing_is_said_before_the_scale_is_known():

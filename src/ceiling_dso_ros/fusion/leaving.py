@@ -2,11 +2,12 @@
 """The metric poses of the keyframes that leave the odometry's window, for a map of the site.
 
 A keyframe leaves when it is refined for the last time. Its motion from the one before is of one solution of the graph:
-poses of two solutions may differ by more than the motion between them, because the scale is estimated anew.
+poses of two solutions may differ by more than the motion between them, because the scale is estimated anew. Some leave
+after later ones. Their motion leads back, and that of the next one forward again, so both have the errors in between.
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ MOST_WAITING = 200  # keyframes that leave before the graph has its next node
 
 @dataclass(frozen=True)
 class LeavingKeyframe:
-    """A keyframe at its last estimate. One that leaves after a later one is left out.
+    """A keyframe at its last estimate. One that leaves when the graph has forgotten it is left out.
 
     Attributes:
         keyframe_id: as the odometry counts.
@@ -107,8 +108,7 @@ class LeavingKeyframes:
         del self._waiting[:-MOST_WAITING]
 
     def _is_usable(self, node: _Node) -> bool:
-        after_last = self._last is None or node.number > self._since
-        return after_last and node.number > self._graph.oldest and self._known.get(node.keyframe.segment, False)
+        return node.number > self._graph.oldest and self._known.get(node.keyframe.segment, False)
 
     def _leave(self, node: _Node, newest_ns: int) -> LeavingKeyframe:
         before = self._last
@@ -133,10 +133,24 @@ class LeavingKeyframes:
         return result
 
     def _advance(self, node: int) -> None:
-        """Take the motion up to a node from the graph, before it leaves the graph's window."""
-        for number, covariance in enumerate(self._graph.step_covariances(self._since, node), self._since + 1):
+        """Take the motion up to a node, which may be an earlier one, before it leaves the graph's window."""
+        if node >= self._since:
+            motion, covariance = self._moved(self._since, node)
+        else:
+            ahead, covariance = self._moved(node, self._since)
+            motion, turned = planar.inverse(ahead), planar.adjoint(ahead)
+            covariance = turned @ covariance @ turned.T
+        back = planar.adjoint(planar.inverse(motion))
+        self._motion = planar.compose(self._motion, motion)
+        self._covariance = back @ self._covariance @ back.T + covariance
+        self._since = node
+
+    def _moved(self, start: int, end: int) -> Tuple[np.ndarray, np.ndarray]:
+        """(3,) motion from a node to a later one by the graph, and its (3, 3) covariance."""
+        motion = planar.between(self._graph.pose(start), self._graph.pose(end))
+        covariance = np.zeros((3, 3))
+        for number, of_step in enumerate(self._graph.step_covariances(start, end), start + 1):
             step = planar.between(self._graph.pose(number - 1), self._graph.pose(number))
             back = planar.adjoint(planar.inverse(step))
-            self._motion = planar.compose(self._motion, step)
-            self._covariance = back @ self._covariance @ back.T + covariance
-        self._since = node
+            covariance = back @ covariance @ back.T + of_step
+        return motion, covariance
