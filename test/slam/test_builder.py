@@ -7,10 +7,11 @@ import pytest
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.slam.builder import MOST_VIEWS, RECENT_STEPS, SiteBuilder
-from ceiling_dso_ros.slam.deciding import Place
+from ceiling_dso_ros.slam.deciding import Place, Sighting
 from ceiling_dso_ros.slam.localiser import Localisation, Localiser
 from ceiling_dso_ros.slam.map_file import map_bytes
 from ceiling_dso_ros.slam.verification import Refused, Verified, Verifier
+from ceiling_dso_ros.slam.way import Way
 
 TRUE = ceiling.round_trip(1.6, 1.4, 24)
 
@@ -62,6 +63,28 @@ def test_no_loop_is_wrong(built):
 def test_a_known_place_is_not_kept_twice(built):
     builder = built[1]
     assert len(builder.site().keyframes) <= len(TRUE) - 3
+
+
+def test_what_a_sighting_still_needs_is_not_let_go():
+    texture, builder = ceiling.paint(10), SiteBuilder(ceiling.RECORD_CAMERA)
+    poses = [np.array([0.4 * i, 0.0, 0.0]) for i in range(RECENT_STEPS + 4)]
+    drive(builder, texture, poses, poses)
+    newest, old = max(builder.graph.poses), 1
+    builder._waiting = [Sighting(newest, old, np.zeros(3), np.eye(3), np.zeros((0, 3)))]
+    builder._covered = [old, old + 1]
+    builder._let_go()
+    assert old in builder.graph.poses
+    assert old + 1 not in builder.graph.poses
+    builder._waiting = []
+    builder._let_go()
+    assert old not in builder.graph.poses
+
+
+def test_the_way_to_a_keyframe_that_comes_late_is_a_step_back():
+    texture, way = ceiling.paint(10), Way()
+    records = [ceiling.record(texture, np.array([0.5 * i, 0.0, 0.0]), i) for i in (0, 1, 4, 2, 5)]
+    steps = [way.add(record) for record in records]
+    np.testing.assert_allclose([step.way_m for step in steps], [0.0, 0.5, 2.0, 1.0, 2.5], atol=1e-9)
 
 
 def test_the_same_drive_gives_the_same_bytes(built):

@@ -251,10 +251,11 @@ class SiteBuilder:
         recent = {number for number, _ in self._steps[-RECENT_STEPS:]}
         if len(self._steps) > RECENT_STEPS and self._is_crowded(self._steps[-RECENT_STEPS - 1][0]):
             self._covered.append(self._steps[-RECENT_STEPS - 1][0])
-        for number in dict.fromkeys(n for n in self._covered if n not in recent):
+        needed = recent | {seen.target for seen in self._waiting}
+        for number in dict.fromkeys(n for n in self._covered if n not in needed):
             self.graph.let_go(number)
             del self._records[number]
-        self._covered = [number for number in self._covered if number in recent]
+        self._covered = [number for number in self._covered if number in needed]
         self._steps = [entry for entry in self._steps if entry[0] in self.graph.poses]
 
     def _is_crowded(self, number: int) -> bool:

@@ -24,7 +24,7 @@ class Step(NamedTuple):
         record: the keyframe.
         motion: (3,) of base_link from the step before, by the odometry; zero for the first.
         covariance: (3, 3) of it.
-        way_m: driven since the first one.
+        way_m: driven from the first one to it.
     """
 
     number: int
@@ -55,7 +55,8 @@ class Way:
         way_m = float(np.hypot(*motion[:2]))
         if self._last is not None and way_m < LEAST_STEP_M and abs(motion[2]) < LEAST_TURN_RAD:
             return None
-        before_m = 0.0 if self._last is None else self._last.way_m
-        step = Step(next(self._count), record, motion, self._covariance, before_m + way_m)
+        if self._last is not None:  # one that left the odometry's window late is a step back
+            way_m = self._last.way_m + (way_m if record.stamp_ns >= self._last.record.stamp_ns else -way_m)
+        step = Step(next(self._count), record, motion, self._covariance, way_m)
         self._last, self._covariance = step, np.zeros((3, 3))
         return step
