@@ -102,6 +102,33 @@ def test_dropped_and_lost_messages_are_no_step(rate_hz):
     assert not any(shifts)
 
 
+@SEEDS
+@pytest.mark.parametrize("kept", [2, 3, 5])
+def test_a_busy_computer_that_leaves_images_out_sets_no_clock(seed, kept):
+    """Of some images every second or third is used, all come late, by times that change, and then it is over."""
+    stream = FollowedStream(15.0, 0.005, seed)
+    assert not any(stream.shifts(100))
+    while stream.number < 4000:
+        if stream.random.random() < 0.3:
+            stream.number += stream.random.integers(kept)
+        stream.shifts(1, late_s=0.2 + stream.random.exponential(0.3))
+    assert max(map(abs, stream.shifts(100))) <= TOLERANCE_NS
+    assert abs(stream.clock.shift_ns) <= TOLERANCE_NS
+
+
+@SEEDS
+def test_what_seemed_to_be_a_step_back_and_was_a_delay_is_withdrawn(seed):
+    """Long after it: the computer was busy for minutes."""
+    stream = FollowedStream(15.0, 0.005, seed)
+    assert not any(stream.shifts(200))
+    for _ in range(400):  # only every third image is used
+        stream.number += 2
+        stream.shifts(1, late_s=0.05)
+    assert stream.shifts(1, late_s=0.4)[0] < -TOLERANCE_NS  # for once its interval is that of the camera
+    assert max(stream.shifts(300, late_s=0.4)) < -TOLERANCE_NS
+    assert abs(stream.shifts(20)[-1]) <= TOLERANCE_NS
+
+
 def test_other_rates_are_no_step():
     stream = FollowedStream(30.0, 0.01)
     shifts = [*stream.shifts(60)]

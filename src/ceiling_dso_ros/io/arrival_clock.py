@@ -8,8 +8,9 @@ from typing import Deque, Optional
 TOLERANCE_NS = 50_000_000  # at 1 m/s, 5 cm; a busy computer holds messages up for as long
 LEAK = 1e-4  # s/s by which what is known of the delay is forgotten: ten times what clocks drift apart
 INTERVALS = 15  # of the last ones, whose median is the usual one
+MANY_INTERVALS = 150  # of which the shortest is that of the sensor; a busy computer leaves some of its messages out
 SETTLING = 30  # messages after a step, among which some have come without delay
-FEWEST = 10  # messages, before which nothing is known of the delay
+FEWEST = 30  # messages, before which nothing is known of the delay
 
 
 class ArrivalClock:
@@ -18,7 +19,7 @@ class ArrivalClock:
     No message arrives before it is sent. So stamp minus arrival has an upper limit, when nothing delays the message,
     and that limit steps when the clock is set. Messages that are delayed stay below it, but keep their distance in
     time. So it is a step if the limit changes and, at the same message, the interval between stamps is not the usual
-    one.
+    one: longer than usual, or shorter than any. What seemed to be a step back, and ends without a step, was a delay.
 
     Attributes:
         shift_ns: by how much the clock was set since it was `forget`: positive ahead, negative back.
@@ -30,10 +31,11 @@ class ArrivalClock:
     def forget(self) -> None:
         """Begin with the next message."""
         self.shift_ns = 0
-        self._intervals_ns: Deque[int] = deque(maxlen=INTERVALS)
+        self._intervals_ns: Deque[int] = deque(maxlen=MANY_INTERVALS)  # without those of steps
         self._stamp_ns: Optional[int] = None
         self._arrival_ns = 0
         self._limit_ns = 0.0  # of stamp minus arrival
+        self._after_step = (0, 0.0)  # shift and limit as they seemed right after the last step
         self._heard = 0
         self._settling = 0
 
@@ -50,12 +52,13 @@ class ArrivalClock:
         else:
             stamps_ns, arrivals_ns = stamp_ns - self._stamp_ns, arrival_ns - self._arrival_ns
             self._limit_ns -= LEAK * max(arrivals_ns, 0)
-            self._follow(lead_ns, stamps_ns, arrivals_ns)
-            self._intervals_ns.append(stamps_ns)
+            if not self._follow(lead_ns, stamps_ns, arrivals_ns):
+                self._intervals_ns.append(stamps_ns)
         self._stamp_ns, self._arrival_ns = stamp_ns, arrival_ns
         self._heard += 1
 
-    def _follow(self, lead_ns: int, stamps_ns: int, arrivals_ns: int) -> None:
+    def _follow(self, lead_ns: int, stamps_ns: int, arrivals_ns: int) -> bool:
+        """Whether it is a step."""
         step_ns = round(lead_ns - self._limit_ns)
         is_step = self._heard >= FEWEST and self._is_step(step_ns, stamps_ns, arrivals_ns)
         if is_step:
@@ -63,13 +66,19 @@ class ArrivalClock:
         if is_step or step_ns > 0:
             self.shift_ns += step_ns if self._settling else 0
             self._limit_ns = lead_ns
+        if is_step:
+            self._after_step = self.shift_ns, self._limit_ns
+        elif self.shift_ns < 0:
+            shift_ns, limit_ns = self._after_step
+            self.shift_ns = min(0, max(self.shift_ns, shift_ns + round(self._limit_ns - limit_ns)))
         self._settling = max(self._settling - 1, 0)
+        return is_step
 
     def _is_step(self, step_ns: int, stamps_ns: int, arrivals_ns: int) -> bool:
-        usual_ns = median_low(self._intervals_ns)
         if step_ns > 0:
+            usual_ns = median_low(list(self._intervals_ns)[-INTERVALS:])
             return min(step_ns, stamps_ns - max(arrivals_ns, usual_ns)) > TOLERANCE_NS
-        return max(step_ns, stamps_ns - min(arrivals_ns, usual_ns)) < -TOLERANCE_NS
+        return max(step_ns, stamps_ns - min(arrivals_ns, *self._intervals_ns)) < -TOLERANCE_NS
 
 
 class ClockAgreement:
