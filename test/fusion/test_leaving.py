@@ -32,7 +32,7 @@ class Graph:
         return np.log(3.0)
 
     def step_covariances(self, start, end):
-        assert self.oldest <= start
+        assert self.oldest <= start < end
         return np.repeat(COVARIANCE[None], end - start, axis=0)
 
     def node_of(self, keyframe_id):
@@ -107,6 +107,15 @@ def test_one_that_leaves_when_the_graph_has_forgotten_it_is_left_out():
     assert drive.keyframe(9, leaving=[2]) == []
     (third,) = drive.keyframe(10, leaving=[7])
     assert third.before_ns == 600
+
+
+def test_one_that_is_said_to_leave_again_has_left():
+    drive = Drive()
+    for number in range(6):
+        drive.keyframe(number)
+    assert [left.keyframe_id for left in drive.keyframe(6, leaving=[2, 4])] == [2, 4]
+    assert drive.keyframe(7, leaving=[4]) == []
+    assert drive.keyframe(8, leaving=[2]) == []
 
 
 def test_nothing_is_said_before_the_scale_is_known():

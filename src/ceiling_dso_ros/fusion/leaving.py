@@ -7,7 +7,7 @@ after later ones. Their motion leads back, and that of the next one forward agai
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -70,6 +70,7 @@ class LeavingKeyframes:
         self._last: Optional[KeyframeEstimate] = None  # that left
         self._since = 0  # node of the graph's window from which the motion since then is still to be taken
         self._motion, self._covariance = np.zeros(3), np.zeros((3, 3))  # from the last one to that node
+        self._left: Set[int] = set()  # nodes of the graph's window that have left
 
     def refine(self, keyframes: Sequence[KeyframeEstimate]) -> None:
         """Hear of the window before the chain does: all keyframes of another segment leave."""
@@ -94,7 +95,8 @@ class LeavingKeyframes:
         """
         self._known = {number: known for number, known in self._known.items() if number >= segment - 1}
         self._known[segment] = scale_known
-        waiting, self._waiting = sorted(self._waiting, key=lambda node: node.number), []
+        waiting = sorted({node.number: node for node in self._waiting}.values(), key=lambda node: node.number)
+        self._waiting, self._left = [], {number for number in self._left if number > self._graph.oldest}
         result = [self._leave(node, newest_ns) for node in waiting if self._is_usable(node)]
         while self._last is not None and self._since == self._graph.oldest < self._graph.newest:
             self._advance(self._since + 1)
@@ -108,7 +110,8 @@ class LeavingKeyframes:
         del self._waiting[:-MOST_WAITING]
 
     def _is_usable(self, node: _Node) -> bool:
-        return node.number > self._graph.oldest and self._known.get(node.keyframe.segment, False)
+        is_kept = node.number > self._graph.oldest and node.number not in self._left
+        return is_kept and self._known.get(node.keyframe.segment, False)
 
     def _leave(self, node: _Node, newest_ns: int) -> LeavingKeyframe:
         before = self._last
@@ -129,6 +132,7 @@ class LeavingKeyframes:
             planar.between(pose, self._graph.pose(self._graph.newest)),
         )
         self._last = node.keyframe
+        self._left.add(node.number)
         self._motion, self._covariance = np.zeros(3), np.zeros((3, 3))
         return result
 
