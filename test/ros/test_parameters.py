@@ -172,7 +172,7 @@ def test_the_robot_is_read_and_shown_complete(server):
         ({**ROBOT, "wheel_bse": 1}, "/node/robot: wheel_bse is unknown; did you mean wheel_base?"),
         ({**ROBOT, "wheel_base": -1}, "/node/robot: wheel_base must be a positive number, not -1"),
         ({**ROBOT, "wheel_base": 0.001}, "/node/robot: robot.wheel_base_m=0.001: 0.01 to 20"),
-        ({**ROBOT, "wheel_base": 485}, "/node/robot: wheel_base has 485 m, no robot is so large; it is given in metres"),
+        ({**ROBOT, "wheel_base": 485}, "/node/robot: wheel_base has 485 m, no robot is so large; it is given in m"),
         (
             {**ROBOT, "T_base_camera": {"xyz": [0, 0, 1], "quat_xyzw": [1, 0, 0, 0]}},
             "/node/robot: robot.T_base_camera: the camera must look up",
