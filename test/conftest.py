@@ -41,6 +41,24 @@ def pytest_configure(config):
         environment.delenv(name, raising=False)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Workers take the files in the order of the collection."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class InOrder(LoadFileScheduling):
+        """Else those with the most tests come first, and the longest, which have few, at the end."""
+
+        def _assign_work_unit(self, node):
+            files = map(self._split_scope, self.collection)
+            self.workqueue.move_to_end(next(file for file in files if file in self.workqueue), last=False)
+            super()._assign_work_unit(node)
+
+    return InOrder(config, log)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
     """Files with long tests come first, the longest at the head: at the end, all workers are busy with short ones."""

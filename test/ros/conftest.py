@@ -34,6 +34,28 @@ def bag(tmp_path_factory):
 
 
 @pytest.fixture
+def ros_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+    return tmp_path / "ros"
+
+
+@pytest.fixture
+def rosless(ros_home, monkeypatch):
+    """Makes worlds for servers without a master; they end with the test."""
+    from rosless import Rosless
+
+    made = []
+
+    def make(**parameters):
+        made.append(Rosless(monkeypatch, **parameters))
+        return made[-1]
+
+    yield make
+    for world in made:
+        world.end()
+
+
+@pytest.fixture
 def in_space():
     """Makes the command that runs another one as a shell does that has sourced a space's setup, devel or install."""
 

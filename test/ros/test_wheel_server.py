@@ -12,11 +12,13 @@ pytestmark = pytest.mark.ros
 import rospy  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
+from straight_drive import Drive  # noqa: E402
 
 from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig  # noqa: E402
 from ceiling_dso_ros.fusion.wheel import WheelOdometry  # noqa: E402
 from ceiling_dso_ros.io.wheel_joints import WheelJoints  # noqa: E402
 from ceiling_dso_ros.ros import diagnostics, run_clock  # noqa: E402
+from ceiling_dso_ros.ros.conversions import ros_time  # noqa: E402
 from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
 
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
@@ -75,3 +77,16 @@ def test_wheels_that_have_gone_are_named(server, monkeypatch):
 def test_wheels_that_cannot_be_used_are_said(server, stamp_s, positions, velocities, complaint):
     assert hear(server, stamp_s, WHEELS, positions, velocities) == 0
     assert complaint in server._samples.complaint
+
+
+def test_wheels_whose_first_angles_are_not_finite(rosless):
+    world = rosless(robot={"ticks_per_turn": 4096.0, "wheel_radius": [0.1, 0.1], "wheel_base": 0.5})
+    server = WheelServer()
+    stamp_ns = Drive.BEGIN_NS
+    for left, right in ((float("nan"), 0.0), (1.0, 1.0), (1.1, 1.1)):
+        stamp_ns += 20_000_000
+        header = Header(stamp=ros_time(stamp_ns))
+        world.callbacks["joint_states"](JointState(header, ["left_wheel", "right_wheel"], [left, right], [], []))
+    assert world.sent["wheel/odometry"] == 2
+    assert world.newest["wheel/odometry"].header.stamp == ros_time(stamp_ns)
+    assert server._samples.rejected == 1

@@ -148,7 +148,7 @@ class SlipConfig:
     """When a difference between wheels and camera counts as slip or as a jump of the scale, and for how long."""
 
     gate: float = 25.0  # squared normalised difference (chi-square, one degree of freedom): 5 sigma
-    jump_steps: int = 6  # this many consecutive distances, wrong by the same factor, are a jump of the visual scale
+    jump_steps: int = 6  # this many distances in a row, wrong by one factor, are a jump of the scale or a steady slip
     report_gap_s: float = 1.0  # slips closer than this are one report
     longest_s: float = 2.0  # longest time that a camera that stands may contradict the wheels
 

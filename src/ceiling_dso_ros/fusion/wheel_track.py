@@ -2,7 +2,7 @@
 """The recent wheel steps, which give the motion between any two recent stamps."""
 
 from collections import deque
-from typing import Deque, List, Optional, Sequence
+from typing import Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -55,19 +55,11 @@ class WheelTrack:
         self._steps.append(step)
         self._motions.append(self._noise.motion(step))
         while self._steps[0].end_ns < step.end_ns - self._horizon_ns:
-            self._motions.popleft()
-            self._fold(self._steps.popleft())
+            self._fold(self._steps.popleft(), self._motions.popleft())
 
     def steps(self, start_ns: int, end_ns: int) -> List[WheelStep]:
         """The remembered steps within [start_ns, end_ns], the outer ones cut."""
-        newest_first = []
-        for step in reversed(self._steps):
-            if step.end_ns <= start_ns:
-                break
-            part = step.clip(start_ns, end_ns)
-            if part is not None:
-                newest_first.append(part)
-        return newest_first[::-1]
+        return [part for part, _ in self._within(start_ns, end_ns)]
 
     def motion(self, start_ns: int, end_ns: int) -> WheelMotion:
         """The remembered motion within [start_ns, end_ns]."""
@@ -95,16 +87,20 @@ class WheelTrack:
 
     def _continued(self, motion: WheelMotion, end_ns: int) -> WheelMotion:
         """A motion continued to a stamp."""
-        newest_first = []
-        for step, whole in zip(reversed(self._steps), reversed(self._motions)):
-            if step.end_ns <= motion.end_ns:
-                break
-            part = step.clip(motion.end_ns, end_ns)
-            if part is not None:
-                newest_first.append(whole if part is step else self._noise.motion(part))
-        for further in reversed(newest_first):
+        for _, further in self._within(motion.end_ns, end_ns):
             motion = motion.then(further)
         return motion
+
+    def _within(self, start_ns: int, end_ns: int) -> List[Tuple[WheelStep, WheelMotion]]:
+        """The remembered steps within [start_ns, end_ns], the outer ones cut, with their motions."""
+        newest_first = []
+        for step, motion in zip(reversed(self._steps), reversed(self._motions)):
+            if step.end_ns <= start_ns:
+                break
+            part = step.clip(start_ns, end_ns)
+            if part is not None:
+                newest_first.append((part, motion if part is step else self._noise.motion(part)))
+        return newest_first[::-1]
 
     def _correct(self, steps: Sequence[WheelStep]) -> List[WheelStep]:
         return [self._noise.corrected(step, self._constants) for step in steps]
@@ -114,8 +110,8 @@ class WheelTrack:
             motion = self._noise.extend(motion, step)
         return motion
 
-    def _fold(self, step: WheelStep) -> None:
+    def _fold(self, step: WheelStep, motion: WheelMotion) -> None:
         part = step.clip(self._since_mark.end_ns, step.end_ns)
         if part is not None:
-            self._since_mark = self._extend(self._since_mark, [part])
+            self._since_mark = self._since_mark.then(motion if part is step else self._noise.motion(part))
             self._corrected = self._extend(self._corrected, self._correct([part]))

@@ -75,10 +75,12 @@ class ArrivalClock:
         return is_step
 
     def _is_step(self, step_ns: int, stamps_ns: int, arrivals_ns: int) -> bool:
+        if abs(step_ns) <= TOLERANCE_NS:
+            return False
         if step_ns > 0:
             usual_ns = median_low(list(self._intervals_ns)[-INTERVALS:])
-            return min(step_ns, stamps_ns - max(arrivals_ns, usual_ns)) > TOLERANCE_NS
-        return max(step_ns, stamps_ns - min(arrivals_ns, *self._intervals_ns)) < -TOLERANCE_NS
+            return stamps_ns - max(arrivals_ns, usual_ns) > TOLERANCE_NS
+        return stamps_ns - min(arrivals_ns, *self._intervals_ns) < -TOLERANCE_NS
 
 
 class ClockAgreement:

@@ -104,7 +104,7 @@ def _keyframe(message: Keyframe, inner_ns: int) -> KeyframeEstimate:
         T_world_camera=matrix_from_pose(message.pose),
         affine=(message.affine_a, message.affine_b),
         leaves=message.leaves,
-        depth=message.depth if message.depth > 0.0 else math.nan,
+        depth=message.depth if 0.0 < message.depth < math.inf else math.nan,
     )
 
 

@@ -52,11 +52,12 @@ class Way:
         motion = np.zeros(3) if self._last is None else planar.between(self._last.record.pose, record.pose)
         if len(record.corners.descriptor) < FEWEST_CORNERS or len(record.points) < FEWEST_POINTS:
             return None
-        way_m = float(np.hypot(*motion[:2]))
-        if self._last is not None and way_m < LEAST_STEP_M and abs(motion[2]) < LEAST_TURN_RAD:
+        step_m = float(np.hypot(*motion[:2]))
+        if self._last is not None and step_m < LEAST_STEP_M and abs(motion[2]) < LEAST_TURN_RAD:
             return None
+        way_m = 0.0
         if self._last is not None:  # one that left the odometry's window late is a step back
-            way_m = self._last.way_m + (way_m if record.stamp_ns >= self._last.record.stamp_ns else -way_m)
+            way_m = self._last.way_m + (step_m if record.stamp_ns >= self._last.record.stamp_ns else -step_m)
         step = Step(next(self._count), record, motion, self._covariance, way_m)
         self._last, self._covariance = step, np.zeros((3, 3))
         return step

@@ -2,6 +2,7 @@
 """Targets that are map_node: wrong keyframes, poses and map files, between good ones."""
 
 import itertools
+import os
 import sys
 from pathlib import Path
 from random import Random
@@ -48,7 +49,7 @@ class Map(Node):
         patch.setattr("ceiling_dso_ros.ros.site_publisher.Periodic", lambda *_: None)
         patch.setattr(rospy.Time, "now", lambda: self.odometry().header.stamp)
         self.server = MapServer()
-        self.folder = Path(maps.new_folder())
+        self.refused = 0  # maps that were not loaded
         self._texture, self._drives = ceiling.paint(10), itertools.count()
         self._next = self._keyframes()
         for _ in range(4):
@@ -103,7 +104,7 @@ class Map(Node):
     @property
     def rejected(self) -> int:
         """See Node."""
-        return int(self.server._views.rejected + self.server._poses.rejected)
+        return int(self.server._views.rejected + self.server._poses.rejected + self.refused)
 
 
 def _view(node: Map, random: Random) -> Case:
@@ -133,16 +134,18 @@ def _initial_pose(node: Map, random: Random) -> Case:
 
 
 def _load_map(node: Map, random: Random) -> Case:
-    name, content = maps.mutated_map(random)
-    path = node.folder / name
+    content = maps.mutated_map(random)
+    folder = Path(os.environ["ROS_HOME"])
+    path = folder / maps.NAME
 
     def load() -> None:
+        folder.mkdir(exist_ok=True)
         path.write_bytes(content)
-        for answer in (
-            node.world.services["~load_map"](LoadMapRequest(str(path))),
-            node.world.services["~save_map"](SaveMapRequest(str(node.folder / "saved"))),
-        ):
+        loaded = node.world.services["~load_map"](LoadMapRequest(str(path)))
+        saved = node.world.services["~save_map"](SaveMapRequest(str(folder / "saved")))
+        for answer in (loaded, saved):
             require_clear_line(answer.message)
+        node.refused += not loaded.success
 
     return content, lambda: node.use(load)
 

@@ -4,12 +4,11 @@
 import io
 import json
 import sys
-import tempfile
 import zipfile
 from functools import lru_cache
 from pathlib import Path
 from random import Random
-from typing import List, Tuple
+from typing import List
 
 import numpy as np
 from support.checkout import CHECKOUT
@@ -34,7 +33,7 @@ def targets(folder: Path) -> List[Target]:
     path = folder / NAME
 
     def make(random: Random) -> Case:
-        _, content = mutated_map(random)
+        content = mutated_map(random)
 
         def act() -> str:
             path.write_bytes(content)
@@ -45,16 +44,11 @@ def targets(folder: Path) -> List[Target]:
     return [Target("map file", 2000, lambda: make)]
 
 
-def new_folder() -> str:
-    """For files of maps; it stays until the process ends."""
-    return _folder().name
-
-
-def mutated_map(random: Random) -> Tuple[str, bytes]:
-    """Name and content of a file."""
+def mutated_map(random: Random) -> bytes:
+    """The content of a file."""
     content = _map()
     if random.randrange(3) == 0:
-        return NAME, mutations.mutated_bytes(random, content)
+        return mutations.mutated_bytes(random, content)
     changed = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(content)) as archive, zipfile.ZipFile(changed, "w") as target:
         chosen = random.choice(archive.namelist())
@@ -65,7 +59,7 @@ def mutated_map(random: Random) -> Tuple[str, bytes]:
             elif name == chosen:
                 data = mutations.mutated_bytes(random, data)
             target.writestr(name, data)
-    return NAME, changed.getvalue()
+    return changed.getvalue()
 
 
 def _used(site: SiteMap) -> object:
@@ -81,8 +75,3 @@ def _map() -> bytes:
     motion = np.array([0.4, 0.0, 0.0])
     edges = tuple(Edge(i, i + 1, motion, 1e-6 * np.eye(3), i == 1) for i in range(KEYFRAMES - 1))
     return map_bytes(SiteMap(ceiling.RECORD_CAMERA, keyframes, edges))
-
-
-@lru_cache(maxsize=1)
-def _folder() -> "tempfile.TemporaryDirectory[str]":
-    return tempfile.TemporaryDirectory()

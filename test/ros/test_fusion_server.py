@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The servers of the nodes, without a master: what services, disks and errors may not do to the output."""
+"""The server of fusion_node, without a master: what services, disks and errors may not do to the output."""
 
 import threading
 
@@ -10,25 +10,16 @@ pytest.importorskip("ceiling_dso_ros.msg", reason="needs ROS and the built works
 pytestmark = pytest.mark.ros
 
 import rospy  # noqa: E402
-from dynamic_reconfigure.encoding import Config  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
-from rosless import Rosless  # noqa: E402
-from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from straight_drive import Drive  # noqa: E402
 
-from ceiling_dso_ros.cfg import DsoConfig  # noqa: E402
-from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
 from ceiling_dso_ros.io.ros_messages import planar_pose  # noqa: E402
 from ceiling_dso_ros.io.trajectory import read_tum  # noqa: E402
-from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
 from ceiling_dso_ros.ros import diagnostics, run_clock, trajectory_keeper  # noqa: E402
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time  # noqa: E402
-from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.fusion_server import FusionServer  # noqa: E402
-from ceiling_dso_ros.ros.reconfigure import ReconfigureServer  # noqa: E402
-from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
 from ceiling_dso_ros.srv import SetPoseRequest  # noqa: E402
 
 ROBOT = {
@@ -39,25 +30,6 @@ ROBOT = {
 }
 OUTPUT = "odometry/filtered"
 WIDTH, HEIGHT = 200, 160
-
-
-@pytest.fixture
-def ros_home(tmp_path, monkeypatch):
-    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
-    return tmp_path / "ros"
-
-
-@pytest.fixture
-def rosless(ros_home, monkeypatch):
-    made = []
-
-    def make(**parameters):
-        made.append(Rosless(monkeypatch, **parameters))
-        return made[-1]
-
-    yield make
-    for world in made:
-        world.end()
 
 
 class FusionDrive:
@@ -296,109 +268,8 @@ def test_an_error_with_one_message_concerns_that_message_only(fusion, monkeypatc
     assert fusion.world.newest["fusion/status"].state != 0
 
 
-class CameraDrive:
-    """A dso_node that sees images of noise."""
-
-    def __init__(self, world):
-        self.world, self.server, self._count = world, DsoServer(), 0
-        self._pixels = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
-
-    def calibrate(self, width=WIDTH, height=HEIGHT):
-        K = [100.0, 0.0, width / 2, 0.0, 100.0, height / 2, 0.0, 0.0, 1.0]
-        info = CameraInfo(width=width, height=height, K=K, distortion_model="plumb_bob", D=[0.0] * 5)
-        self.world.callbacks["camera_info"](info)
-
-    def see(self, width=WIDTH, height=HEIGHT):
-        """The status of an image; as the main loop of the node does with it."""
-        self._count += 1
-        header = Header(stamp=ros_time(Drive.BEGIN_NS + self._count * 33_333_333), frame_id="camera")
-        pixels = self._pixels[:height, :width]
-        image = Image(header, height, width, "mono8", 0, width, pixels.tobytes())
-        self.server._process_safely(image)
-        return self.world.newest["visual_odometry/status"]
-
-
-@pytest.fixture
-def camera(rosless, monkeypatch):
-    monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.CALIBRATION_TIMEOUT_S", 0.0)
-    return CameraDrive(rosless())
-
-
-def test_a_size_that_cannot_be_tracked_is_stated_and_survived(camera):
-    camera.calibrate(100, 100)
-    for _ in range(3):
-        status = camera.see(100, 100)
-        assert status.state == VisualOdometryStatus.WAITING
-        assert "cannot track: " in status.message
-    assert status.message in camera.world.diagnostics().message
-    camera.calibrate()
-    assert camera.see().state == VisualOdometryStatus.INITIALIZING
-
-
-def test_a_rate_that_makes_no_sense_is_refused_while_the_node_runs(camera):
-    """As dynamic_reconfigure would set it; all other changes that come with it are refused, too."""
-    server = ReconfigureServer.__new__(ReconfigureServer)  # its own begin needs a master
-    server.type, server.ns, server.mutex = DsoConfig, "~/", threading.Lock()
-    server.config, server.callback = Config(DsoConfig.defaults), camera.server._reconfigure
-    with pytest.raises(rospy.ServiceException, match=r"frame_rate=1e-300: 0 for all .*; nothing is changed$"):
-        server.update_configuration({"frame_rate": 1e-300, "map_period": 7.0})
-    assert camera.server._map.period_s != 7.0
-    assert server.config["frame_rate"] == 0.0
-
-
-def test_a_camera_info_of_other_images_costs_neither_map_nor_memory(camera):
-    """Of 192x65535 pixels, the odometry would take 2 GB."""
-    camera.calibrate()
-    camera.see()
-    run = camera.server._run
-    camera.calibrate(192, 65535)
-    status = camera.see()
-    assert (status.state, status.rejected, camera.server._run) == (VisualOdometryStatus.INITIALIZING, 0, run)
-    assert "camera_info: it is for images of 192x65535, not" in camera.world.diagnostics().message
-    camera.calibrate()
-    camera.see()
-    assert "camera_info" not in camera.world.diagnostics().message
-    assert camera.server._run is run
-
-
-def test_what_is_said_of_an_image_is_one_line_of_bounded_length(camera):
-    camera.calibrate()
-    camera.see()
-    wrong = Image(Header(stamp=ros_time(Drive.BEGIN_NS)), HEIGHT, WIDTH, "x\n" * 3000, 0, WIDTH, b"")
-    camera.server._process_safely(wrong)
-    status = camera.world.newest["visual_odometry/status"]
-    for said in (camera.world.logged[-1], status.message, camera.world.diagnostics().message):
-        assert said.isprintable()
-        assert len(said) <= LONGEST_MESSAGE
-
-
-def test_an_error_in_publishing_concerns_one_image(camera, monkeypatch):
-    camera.calibrate()
-    camera.see()
-    with monkeypatch.context() as broken:
-        broken.setattr(camera.server._publisher, "publish_status", lambda *_: 1 / 0)
-        camera.see()
-    assert "ZeroDivisionError" in camera.world.logged[-1]
-    before = camera.world.sent["visual_odometry/status"]
-    assert camera.see().state == VisualOdometryStatus.INITIALIZING
-    assert camera.world.sent["visual_odometry/status"] == before + 1
-
-
 def closed(*_):
     raise rospy.ROSException("publish() to a closed topic")
-
-
-def test_an_image_at_the_moment_of_the_end_forgets_nothing(camera, monkeypatch):
-    """Topics are closed at once; what was tracked so far is still to be written."""
-    camera.calibrate()
-    camera.see()
-    forgotten = []
-    monkeypatch.setattr(camera.server._keeper, "clear", lambda: forgotten.append(True))
-    monkeypatch.setattr(camera.server._publisher, "publish", closed)
-    monkeypatch.setattr(camera.server._publisher, "publish_status", closed)
-    camera.world.is_shutdown = True
-    camera.see()
-    assert forgotten == camera.world.logged == []
 
 
 def test_a_wheel_sample_at_the_moment_of_the_end_is_no_error(fusion, monkeypatch):
@@ -429,37 +300,3 @@ def test_a_topic_that_is_closed_without_an_end_is_an_error(fusion, monkeypatch):
     monkeypatch.setattr(fusion.server._publisher, "publish", closed)
     with pytest.raises(rospy.ROSException, match="closed topic"):
         fusion.hear_wheels()
-
-
-def test_a_silent_publisher_of_exposures_is_stated(camera, monkeypatch):
-    monkeypatch.setattr("ceiling_dso_ros.ros.exposure_input.TIMEOUT_S", 1e-3)
-    camera.calibrate()
-    camera.world.listened.add("exposure")
-    for _ in range(10):
-        camera.see()
-    assert "/exposure comes too late or not at all: images do not wait for it" in camera.world.diagnostics().message
-
-
-def test_the_cameras_trajectories_are_saved(camera, tmp_path):
-    camera.calibrate()
-    camera.see()
-    answer = camera.world.call("~save_trajectory", directory=str(tmp_path / "out"))
-    assert answer.success, answer.message
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "camera.tum",
-        "camera_final.tum",
-        "keyframes.tum",
-    ]
-
-
-def test_wheels_whose_first_angles_are_not_finite(rosless):
-    world = rosless(robot=ROBOT)
-    server = WheelServer()
-    stamp_ns = Drive.BEGIN_NS
-    for left, right in ((float("nan"), 0.0), (1.0, 1.0), (1.1, 1.1)):
-        stamp_ns += 20_000_000
-        header = Header(stamp=ros_time(stamp_ns))
-        world.callbacks["joint_states"](JointState(header, ["left_wheel", "right_wheel"], [left, right], [], []))
-    assert world.sent["wheel/odometry"] == 2
-    assert world.newest["wheel/odometry"].header.stamp == ros_time(stamp_ns)
-    assert server._samples.rejected == 1
