@@ -11,9 +11,7 @@ from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 
-TURN_SIGMA_RAD = (
-    0.005  # of the difference of two turns from image to image: wheels, mount, and 5 ms of jitter at 1 rad/s
-)
+TURN_SIGMA_RAD = 0.005  # of the difference of two turns from image to image; 5 ms of jitter at 1 rad/s
 CLEAR = 10.0  # logarithm of the odds
 MOST_MISFIT = 4.0  # mean squared difference, in sigmas, of turns that agree
 MOST_TURNS = 150
