@@ -62,6 +62,13 @@ def test_the_corrected_motion_is_that_of_corrected_steps_however_old(horizon_s):
     assert abs(found.pose[2] - track.since_mark(nanoseconds(14.9)).pose[2]) > 0.4
 
 
+def test_turns_up_to_stamps_are_those_of_the_motions():
+    track, _ = filled(15.0)
+    stamps_ns = np.array([track.start_ns, nanoseconds(7.013), nanoseconds(12.991), track.end_ns])
+    motions = [track.motion(track.start_ns, int(stamp_ns)) for stamp_ns in stamps_ns]
+    np.testing.assert_allclose(track.turned(stamps_ns), [motion.pose[2] for motion in motions], atol=1e-12)
+
+
 def test_memory_is_bounded_while_no_mark_is_set():
     track, _ = filled(60.0, horizon_s=2.0)
     assert len(track.steps(0, nanoseconds(60.0))) <= 2 * 50 + 1

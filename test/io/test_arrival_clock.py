@@ -129,6 +129,25 @@ def test_what_seemed_to_be_a_step_back_and_was_a_delay_is_withdrawn(seed):
     assert abs(stream.shifts(20)[-1]) <= TOLERANCE_NS
 
 
+@RATES
+def test_two_messages_that_changed_places_cost_themselves_at_most(rate_hz):
+    stream = FollowedStream(rate_hz, 0.002)
+    assert not any(stream.shifts(60))
+    for ahead in (1, -2, 1):  # the second of two comes first
+        stream.number += ahead
+        stream.shifts(1)
+    assert max(map(abs, stream.shifts(60))) < TOLERANCE_NS
+    assert stream.shifts(1, -1.0)[0] == pytest.approx(-1e9, abs=60e6)
+
+
+@pytest.mark.parametrize("stamp_s", [0.0, 1e9])
+def test_stamps_that_never_change_are_no_clock(stamp_s):
+    clock = ArrivalClock()
+    for number in range(200):
+        clock.take(round(1e9 * stamp_s), number * SECOND_NS // 15)
+    assert clock.shift_ns == 0
+
+
 def test_other_rates_are_no_step():
     stream = FollowedStream(30.0, 0.01)
     shifts = [*stream.shifts(60)]

@@ -12,6 +12,7 @@ from ceiling_dso_ros.dso.durations import LONG_AGO_NS
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.ceiling_height import CeilingHeight
 from ceiling_dso_ros.fusion.config import FusionConfig, RobotModel
 from ceiling_dso_ros.fusion.doubts import Doubts
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
@@ -53,6 +54,7 @@ class KeyframeBackend:
         self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes to which the camera's motion is not used
         self.monitor = SlipMonitor(config, noise)
         self._doubts = Doubts(self._graph, self.monitor)
+        self._height = CeilingHeight()
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
         self.scale_was_known = False
@@ -133,6 +135,7 @@ class KeyframeBackend:
         self._chain.link(interval.end, keyframe, covariance=covariance)
         self._mend_steady_error(interval)
         self.estimate = self._estimate()
+        self._height.see(self.estimate.log_scale, interval.depth, abs(float(interval.wheels.pose[0])))
         self._judge_scale(self.estimate.scale_sigma)
         if self._doubts and self.scale_known:
             self._doubts.resolve(math.exp(self.estimate.log_scale))
@@ -252,6 +255,7 @@ class KeyframeBackend:
         """
         if not interval.continues:
             self._doubts.forget()
+            self._height.begin_segment()
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
@@ -284,6 +288,7 @@ class KeyframeBackend:
             self._graph.revise(error.start, continues=False)
             if error.doubt_m > 0.0:  # the camera's motion, with a scale of its own, would leave no room for it
                 self._refused.append(error.start)
+                self._height.forget()
                 self._graph.revise(error.start, visual=None, doubt=np.array([error.doubt_m, error.doubt_m, 0.0]))
             self.monitor.forget(next(i.wheels.start_ns for i in self._graph.intervals if i.end == error.start))
         for interval in [each for each in self._graph.intervals if each.end >= error.start]:
@@ -299,7 +304,13 @@ class KeyframeBackend:
         return replace(estimate, constants=self._bias.constants, constants_covariance=self._bias.covariance)
 
     def _judge_scale(self, sigma: float) -> None:
-        """The scale is known below one sigma and unknown above another; in between the state does not change."""
+        """The scale is known below one sigma and unknown above another; in between the state does not change.
+
+        That of a new map is only known once the ceiling is as high as before, or after a longer way.
+        """
         config = self._config.scale
-        self.scale_known = sigma < config.converged_sigma or (self.scale_known and sigma < config.lost_sigma)
+        is_certain = sigma < config.converged_sigma and (self.scale_known or self._height.agrees)
+        self.scale_known = is_certain or (self.scale_known and sigma < config.lost_sigma)
         self.scale_was_known |= self.scale_known
+        if self.scale_known:
+            self._height.believe()

@@ -152,6 +152,11 @@ class FusionEstimator:
         return self._backend.estimate
 
     @property
+    def wheel_track(self) -> WheelTrack:
+        """The wheels' motion of late."""
+        return self._track
+
+    @property
     def slips(self) -> List[SlipReport]:
         """The slips reported so far."""
         return self._backend.monitor.reports

@@ -65,6 +65,12 @@ class WheelTrack:
         """The remembered motion within [start_ns, end_ns]."""
         return self._continued(WheelMotion.nothing(start_ns), end_ns)
 
+    def turned(self, stamps_ns: np.ndarray) -> np.ndarray:
+        """(N,) turn in rad from the first remembered stamp to each of (N,) int64 stamps in between."""
+        ends_ns = np.array([self.start_ns, *(step.end_ns for step in self._steps)])
+        turns_rad = np.cumsum([0.0, *(step.twist[2] for step in self._steps)])
+        return np.interp(stamps_ns - self.start_ns, ends_ns - self.start_ns, turns_rad)
+
     def since_mark(self, end_ns: int) -> Optional[WheelMotion]:
         """The motion from the mark to a stamp; None when the stamp is before the mark, forgotten or still to come."""
         if self.empty or not self._since_mark.end_ns <= end_ns <= self.end_ns:

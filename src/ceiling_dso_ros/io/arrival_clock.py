@@ -10,7 +10,7 @@ LEAK = 1e-4  # s/s by which what is known of the delay is forgotten: ten times w
 INTERVALS = 15  # of the last ones, whose median is the usual one
 MANY_INTERVALS = 150  # of which the shortest is that of the sensor; a busy computer leaves some of its messages out
 SETTLING = 30  # messages after a step, among which some have come without delay
-FEWEST = 30  # messages, before which nothing is known of the delay
+FEWEST = 30  # intervals, before which nothing is known of the delay
 
 
 class ArrivalClock:
@@ -31,12 +31,11 @@ class ArrivalClock:
     def forget(self) -> None:
         """Begin with the next message."""
         self.shift_ns = 0
-        self._intervals_ns: Deque[int] = deque(maxlen=MANY_INTERVALS)  # without those of steps
+        self._intervals_ns: Deque[int] = deque(maxlen=MANY_INTERVALS)  # without those of steps and swaps
         self._stamp_ns: Optional[int] = None
         self._arrival_ns = 0
         self._limit_ns = 0.0  # of stamp minus arrival
         self._after_step = (0, 0.0)  # shift and limit as they seemed right after the last step
-        self._heard = 0
         self._settling = 0
 
     @property
@@ -52,15 +51,14 @@ class ArrivalClock:
         else:
             stamps_ns, arrivals_ns = stamp_ns - self._stamp_ns, arrival_ns - self._arrival_ns
             self._limit_ns -= LEAK * max(arrivals_ns, 0)
-            if not self._follow(lead_ns, stamps_ns, arrivals_ns):
+            if not self._follow(lead_ns, stamps_ns, arrivals_ns) and stamps_ns > 0:
                 self._intervals_ns.append(stamps_ns)
         self._stamp_ns, self._arrival_ns = stamp_ns, arrival_ns
-        self._heard += 1
 
     def _follow(self, lead_ns: int, stamps_ns: int, arrivals_ns: int) -> bool:
         """Whether it is a step."""
         step_ns = round(lead_ns - self._limit_ns)
-        is_step = self._heard >= FEWEST and self._is_step(step_ns, stamps_ns, arrivals_ns)
+        is_step = len(self._intervals_ns) >= FEWEST and self._is_step(step_ns, stamps_ns, arrivals_ns)
         if is_step:
             self._settling = SETTLING
         if is_step or step_ns > 0:

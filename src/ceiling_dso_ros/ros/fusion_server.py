@@ -19,6 +19,7 @@ from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusedState, FusionState
+from ceiling_dso_ros.fusion.turn_check import TurnCheck
 from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.limits import LARGEST_SET_M
 from ceiling_dso_ros.io.ros_messages import planar_pose
@@ -97,6 +98,7 @@ class FusionServer:
         self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
         self._clock = RunClock()  # clock of the wheels, to which the images' stamps are converted
         self._order = ImageOrder(self._clock.is_simulated)
+        self._turns = TurnCheck()
         self._visual = VisualInput(self._clock)
         self._counts = FusionStatus()
         camera_frame = own.camera_frame.lstrip("/")
@@ -135,6 +137,7 @@ class FusionServer:
         self._keeper.clear()
         self._clock.reset()
         self._order.reset()
+        self._turns.forget()
         self._visual.reset()
         self._latched: Optional[Keyframes] = None  # heard before the first window that came with a status
         self._window: Optional[OdometryStatus] = None  # the newest
@@ -194,6 +197,17 @@ class FusionServer:
                 self._take_in(status, message.header.stamp, start_s)
             elif self._order.disagrees:
                 self._visual.distrust(message)
+                self._check_clocks(status)
+
+    def _check_clocks(self, status: OdometryStatus) -> None:
+        """Use the images again, if camera and wheels turn at the same stamps: their clocks agree."""
+        if not self._camera_known:
+            return
+        self._turns.add(status, self._estimator.robot.T_base_camera, self._camera_offset_ns)
+        if self._turns.agrees(self._estimator.wheel_track, self._order.ahead_ns):
+            rospy.logwarn("camera and wheels turn at the same stamps, so no clock was set: images are used again")
+            self._order.agree()
+            self._turns.forget()
 
     def _on_keyframes(self, message: Keyframes) -> None:
         """Keep the latched window, because while the robot stands still no new one may come for a long time."""

@@ -59,7 +59,16 @@ class ImageOrder:
     @property
     def disagrees(self) -> bool:
         """The clock of the images was set, or that of the wheels, and not both, so that images are not used."""
-        return self._clocks.apart_ns != 0
+        return self.ahead_ns != 0
+
+    @property
+    def ahead_ns(self) -> int:
+        """By how much the images' clock seems to be ahead of that of the wheels; 0 unless they disagree."""
+        return self._clocks.apart_ns
+
+    def agree(self) -> None:
+        """Nobody has set a clock: it was something else."""
+        self._clocks.forget()
 
     def is_usable(self, stamp_ns: int, wheels_ns: Optional[int], complain: Callable[[str], None]) -> bool:
         """Whether to use an image.
