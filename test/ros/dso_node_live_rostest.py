@@ -24,7 +24,7 @@ from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
-from waiting import wait_until
+from waiting import SOON_S, wait_until
 
 from ceiling_dso_ros.io.trajectory import read_tum
 from ceiling_dso_ros.msg import Keyframes, VisualOdometryStatus
@@ -121,7 +121,7 @@ class DsoNodeLive(unittest.TestCase):
     def test_camera_silent(self):
         self.camera.images = False
         try:
-            self.assertLess(self.listener.wait_for_level("dso_node", ERROR), 1.2)
+            self.assertLess(self.listener.wait_for_level("dso_node", ERROR), SOON_S)
             self.assertIn("silent", self.text)
         finally:
             self.camera.images = True

@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
-from waiting import wait_until
+from waiting import SOON_S, wait_until
 
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapPoints
 from ceiling_dso_ros.fusion import planar
@@ -158,6 +158,10 @@ class Listener:
         start_s = time.monotonic()
         wait_until(lambda: self.level(node) == level, lambda: f"{node}: {self.diagnostics.get(node)}, wanted {level}")
         return time.monotonic() - start_s
+
+    def transform(self, parent, child, stamp):
+        """geometry_msgs/TransformStamped of a time, which may still have to come."""
+        return self.buffer.lookup_transform(parent, child, stamp, rospy.Duration(SOON_S))
 
     def wait_for_poses(self, count):
         """Wait for that many more poses."""

@@ -31,9 +31,7 @@ class TfCorrection(unittest.TestCase):
             self.assertEqual(parents("base_link"), {("odom", "/wheel_driver")})
             self.assertEqual(parents("odom"), {("odom_fused", "/fusion_node")})
             message = listener.poses[-1]
-            found = listener.buffer.lookup_transform(
-                "odom_fused", "base_link", message.header.stamp, rospy.Duration(1.0)
-            )
+            found = listener.transform("odom_fused", "base_link", message.header.stamp)
             expected = planar.lift(xy_yaw(message))
             np.testing.assert_allclose(matrix_from_transform(found.transform), expected, atol=1e-6)
             self.assertEqual(message.header.frame_id, "odom_fused")

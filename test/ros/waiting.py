@@ -4,6 +4,7 @@
 import time
 
 PATIENCE_S = 180.0  # the first image may have to wait for compilation
+SOON_S = 10.0  # well below PATIENCE_S, and above what a shared machine stands still for
 
 
 def wait_until(condition, complaint="it takes too long", process=None):
