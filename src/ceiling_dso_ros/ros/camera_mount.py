@@ -21,7 +21,7 @@ class CameraMount:
     """
 
     def __init__(self, base_frame: str, camera_frame: str, T_base_camera: Optional[np.ndarray]) -> None:
-        self._base_frame, self._camera_frame = base_frame, camera_frame
+        self._base_frame, self._camera_frame = base_frame, camera_frame.lstrip("/")
         self._T_base_camera = T_base_camera
         self._asked_s = -np.inf
         self.complaint = "" if T_base_camera is not None else "the camera's frame is not known yet"

@@ -18,7 +18,7 @@ from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
-from ceiling_dso_ros.fusion.state import FusedState, FusionState
+from ceiling_dso_ros.fusion.state import FusedState
 from ceiling_dso_ros.fusion.turn_check import TurnCheck
 from ceiling_dso_ros.io.errors import one_line
 from ceiling_dso_ros.io.limits import LARGEST_SET_M
@@ -28,7 +28,7 @@ from ceiling_dso_ros.io.wheel_messages import other_body
 from ceiling_dso_ros.msg import FusionStatus, Keyframes, VisualOdometryStatus
 from ceiling_dso_ros.playback.fusion_spool import FusionSpool
 from ceiling_dso_ros.playback.spool import SpoolFolder
-from ceiling_dso_ros.ros import diagnostics, parameters
+from ceiling_dso_ros.ros import diagnostics, fusion_report, parameters
 from ceiling_dso_ros.ros.base_transform import BaseTransform
 from ceiling_dso_ros.ros.camera_mount import CameraMount
 from ceiling_dso_ros.ros.conversions import ros_time
@@ -101,8 +101,7 @@ class FusionServer:
         self._turns = TurnCheck()
         self._visual = VisualInput(self._clock)
         self._counts = FusionStatus()
-        camera_frame = own.camera_frame.lstrip("/")
-        self._mount = CameraMount(self._base_frame, camera_frame, robot.T_base_camera if has_camera else None)
+        self._mount = CameraMount(self._base_frame, own.camera_frame, robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
         self._camera_offset_ns = nanoseconds(robot.camera_time_offset_s)
         self._estimator = FusionEstimator(robot, self._config, keep_history=self._keep)
@@ -338,24 +337,14 @@ class FusionServer:
     # Diagnostics
 
     def _report(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
-        state = self._state
-        status.summary(diagnostics.OK, "no pose yet" if state is None else state.state.value)
-        if state is not None and state.state is not FusionState.CONVERGED:
-            status.mergeSummary(diagnostics.WARN, ", ".join(state.reasons))
-        if not self._camera_known:
-            status.mergeSummary(diagnostics.WARN, f"the camera is not used: {self._mount.complaint}")
-        if self._transform.complaint:
-            status.mergeSummary(diagnostics.ERROR, self._transform.complaint)
-        if self._keeper.complaint:
-            status.mergeSummary(diagnostics.WARN, self._keeper.complaint)
-        if self._order.apart:
-            status.mergeSummary(diagnostics.WARN, self._order.apart)
+        complaints = (
+            (diagnostics.WARN, "" if self._camera_known else f"the camera is not used: {self._mount.complaint}"),
+            (diagnostics.ERROR, self._transform.complaint),
+            (diagnostics.WARN, self._keeper.complaint),
+            (diagnostics.WARN, self._order.apart),
+        )
+        fusion_report.summarize(status, self._state, complaints)
         self._wheels.judge(status, rospy.resolve_name("wheel/odometry"))
         self._images.judge(status, rospy.resolve_name("visual_odometry/status"), diagnostics.WARN)
-        status.add("results not kept", str(self._keeper.lost))
-        if state is not None:
-            status.add("scale [m / VO unit]", f"{state.scale.value:.6g}")
-            status.add("scale: relative sigma", f"{state.scale.sigma:.3g}")
-            status.add("slips", str(len(self._estimator.slips)))
-            status.add("processing [ms]", f"{self._counts.processing_ms:.1f}")
+        fusion_report.add_figures(status, self._state, self._estimator.slips, self._counts, self._keeper.lost)
         return status
