@@ -69,7 +69,7 @@ class Fusion(DrivingRobot):
         self.listener.wait_for_poses(200)
         pairs = zip(self.listener.arrivals_s[first:], self.listener.poses[first:])
         delays_s = [arrival_s - message.header.stamp.to_sec() for arrival_s, message in pairs]
-        self.assertLess(np.median(delays_s), 0.5)  # of the 2 s that the queues hold
+        self.assertLess(np.median(delays_s), 0.5)  # of the 2 s that the robot's queue holds
 
     def test_laser_points_stay_where_they_are(self):
         """The part of a costmap: a post, measured from wherever the laser is, stays on its place in odom."""

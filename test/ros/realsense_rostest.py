@@ -24,7 +24,6 @@ from tf2_msgs.msg import TFMessage
 from ceiling_dso_ros.msg import Exposure
 
 PATIENCE_S = 60.0
-SOON_S = 10.0  # see waiting.py
 NODE = "/realsense_node"
 OK, ERROR = 0, 2
 KEPT = 1000
@@ -142,12 +141,12 @@ class RealsenseTest(unittest.TestCase):
 
     def test_3_unplugged_for_ten_seconds(self):
         self.bench.unplug()
-        self.assertLess(self.heard.wait_for_message("no RealSense camera is connected"), SOON_S)
+        self.assertLess(self.heard.wait_for_message("no RealSense camera is connected"), 2.0)
         self.assertEqual(self.heard.level, ERROR)
         time.sleep(10.0)
         self.bench.plug_in(port="1-1", starting_s=0.5)
         back_s = time.monotonic()
-        self.assertLess(self.heard.wait_for_images() - back_s, SOON_S)
+        self.assertLess(self.heard.wait_for_images() - back_s, 3.0)
 
     def test_4_the_streaming_process_is_killed(self):
         for _ in range(3):
