@@ -22,6 +22,7 @@ from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
 from ceiling_dso_ros.fusion.state import ScaleState
+from ceiling_dso_ros.fusion.taken_back import TakenBack
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel_bias import WheelBias
 from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
@@ -54,6 +55,7 @@ class KeyframeBackend:
         self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes to which the camera's motion is not used
         self.monitor = SlipMonitor(config, noise)
         self._doubts = Doubts(self._graph, self.monitor)
+        self._taken_back = TakenBack(self.monitor)
         self._height = CeilingHeight()
         self.estimate: Optional[GraphEstimate] = None
         self.scale_known = False
@@ -133,6 +135,7 @@ class KeyframeBackend:
         interval = self._judged(Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth))
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
+        self._withdraw_taken_back(interval)
         self._mend_steady_error(interval)
         self.estimate = self._estimate()
         self._height.see(self.estimate.log_scale, interval.depth, abs(float(interval.wheels.pose[0])))
@@ -274,6 +277,18 @@ class KeyframeBackend:
         if interval.visual is not None or self._config.graph.estimate_wheels:
             return interval
         return replace(interval, wheels=self._bias.bridge(track.corrected_since_mark(interval.stamp_ns)))
+
+    def _withdraw_taken_back(self, newest: Interval) -> None:
+        """Where the camera takes back what looked like slips, use the wheels alone."""
+        if self.estimate is None or not self.scale_known:
+            return
+        scale = math.exp(self.estimate.log_scale)
+        taken_back = self._taken_back.see(newest, scale, self.estimate.scale_sigma)
+        for interval in taken_back:
+            self._refused.append(interval.end)
+            self._graph.revise(interval.end, visual=None, wheels_slip=False, doubt=None)
+        if taken_back:
+            self.monitor.forget(taken_back[0].wheels.start_ns)
 
     def _mend_steady_error(self, newest: Interval) -> None:
         """After a jump of the scale: start a new one there, and withdraw the slips reported since.

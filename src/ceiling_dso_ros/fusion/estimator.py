@@ -25,6 +25,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
 from ceiling_dso_ros.fusion.contradiction import UNSEEN_NS, Contradiction
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
+from ceiling_dso_ros.fusion.leaps import Leaps
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
 from ceiling_dso_ros.fusion.output import LiveOutput
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
@@ -32,6 +33,7 @@ from ceiling_dso_ros.fusion.relative_filter import Sighting
 from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode
 from ceiling_dso_ros.fusion.state import FusedState, ScaleState
+from ceiling_dso_ros.fusion.twist_filter import MeanTwist
 from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
@@ -85,6 +87,8 @@ class FusionEstimator:
         self._count = itertools.count()
         self._contradiction = Contradiction(self.config.slip)
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
+        self._leaps = Leaps(self.config.output)
+        self._leapt: Optional[OdometryStatus] = None  # the newest image, while no further one has confirmed it
         self._covariances: Deque[Tuple[int, np.ndarray]] = deque(maxlen=RECENT_FRAMES)  # by stamps of images
 
     def add_wheel_ticks(self, stamp_ns: int, left: int, right: int) -> Optional[FusedState]:
@@ -294,6 +298,29 @@ class FusionEstimator:
     def _use_frame(self, output: LiveOutput, status: OdometryStatus, stamp_ns: int) -> None:
         if self._backend.estimate is None:
             self._backend.begin(status, stamp_ns, self._track)
+        leapt, self._leapt = self._leapt, None
+        further = None if leapt is None else self._motion_since(leapt, status)
+        if leapt is not None and self._leaps.confirms(None if further is None else self._speed(further)):
+            self._use_image(output, leapt)
+        if self._has_leapt(status):
+            self._leapt = status
+        else:
+            self._use_image(output, status)
+
+    def _has_leapt(self, status: OdometryStatus) -> bool:
+        """Whether an image shows a change of speed that the wheels contradict and no robot is capable of."""
+        if not self._frames or not self._backend.scale_known:
+            return False
+        seen = self._motion_since(self._frames[-1], status)
+        if seen is None:
+            return False
+        speed = self._speed(seen)
+        if self._contradicts(seen):
+            return self._leaps.see(speed)
+        self._leaps.accept(speed)
+        return False
+
+    def _use_image(self, output: LiveOutput, status: OdometryStatus) -> None:
         self._compare_frames(output, status)
         self._frames.append(status)
         sighting = None if self._contradiction.camera_doubted else self._sighting(status)
@@ -316,7 +343,7 @@ class FusionEstimator:
         else:
             contradiction.not_found(seen.end_ns, motion)
         if not contradiction.camera_doubted:
-            self._correct_twist(output, seen)
+            output.correct_twist(self._speed(seen))
         elif not was_doubted and contradiction.since_ns is not None:
             self._backend.doubt_camera(contradiction.since_ns)
             if self._backend.estimate is not None:
@@ -326,11 +353,12 @@ class FusionEstimator:
         """The oldest image that is not further back than the long baseline."""
         return next((each for each in self._frames if each.stamp_ns >= status.stamp_ns - LONG_BASELINE_NS), status)
 
-    def _correct_twist(self, output: LiveOutput, seen: _SeenMotion) -> None:
+    def _speed(self, seen: _SeenMotion) -> MeanTwist:
+        """Mean speed and yaw rate between two images."""
         gap_s = seconds(seen.end_ns - seen.start_ns)
         rate = seen.visual.base_motion(self.scale.value)[::2] / gap_s
         variances = np.diag(self._sight_covariance(seen.visual))[::2] * 2.0 / gap_s**2
-        output.correct_twist(seen.start_ns, seen.end_ns, rate, np.diag(variances))
+        return MeanTwist(self._track.end_ns, seen.start_ns, seen.end_ns, rate, np.diag(variances), of_wheels=False)
 
     def _motion_since(self, before: OdometryStatus, after: OdometryStatus) -> Optional[_SeenMotion]:
         """Motion between two images; None when they cannot be related, or are too far apart to be compared."""

@@ -16,7 +16,7 @@ from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
-from ceiling_dso_ros.fusion.twist_filter import TwistFilter
+from ceiling_dso_ros.fusion.twist_filter import MeanTwist, TwistFilter
 from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
 
@@ -128,9 +128,9 @@ class LiveOutput:
         """Take in a tracked image."""
         self._relative.correct(sighting)
 
-    def correct_twist(self, start_ns: int, end_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
-        """Take in (2,) mean forward speed and yaw rate that the camera saw over a time, with (2, 2) covariance."""
-        self._twist.add_rate(start_ns, end_ns, rate, covariance)
+    def correct_twist(self, seen: MeanTwist) -> None:
+        """Take in the mean forward speed and yaw rate that the camera saw between two images."""
+        self._twist.add_rate(seen.start_ns, seen.end_ns, seen.rate, seen.covariance)
 
     def withdraw_wheel_twist(self, since_ns: int) -> None:
         """Undo what the wheels have said of the twist since a stamp, nanoseconds: they slipped."""

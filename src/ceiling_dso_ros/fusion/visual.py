@@ -49,6 +49,18 @@ class VisualMotion:
         planar_covariance = np.zeros((3, 3)) if covariance is None else _on_floor(covariance, R_base_camera, yaw)
         return VisualMotion(t[:2], float(t[2]), yaw, R[:2, 2], T_base_camera[:3, 3], planar_covariance)
 
+    def then(self, further: "VisualMotion") -> "VisualMotion":
+        """This motion and the one that follows it; the error of the image between them is in none of its ends."""
+        turn = planar.rotation(self.yaw)
+        return VisualMotion(
+            self.shift + turn @ further.shift,
+            self.climb + further.climb,
+            self.yaw + further.yaw,
+            self.tilt + turn @ further.tilt,
+            self.lever_m,
+            further.covariance,
+        )
+
     def noise(self, config: VisualConfig) -> np.ndarray:
         """(3, 3) covariance of (shift, yaw), units and rad.
 
