@@ -65,7 +65,8 @@ def test_writes_numbers_and_figures_and_prints_a_table(run_folder, evaluate):
 
 
 def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_folder):
-    write_tum(run_folder / "fused.tum", drive())
+    for name in ("fused", "mapped"):
+        write_tum(run_folder / f"{name}.tum", drive())
     reference = str(run_folder.parent / "reference.tum")
 
     def alignments(*arguments):
@@ -73,7 +74,7 @@ def test_each_trajectory_is_aligned_as_it_deserves_unless_told_otherwise(run_fol
         trajectories = json.loads((run_folder / "evaluation.json").read_text())["trajectories"]
         return {name: numbers["alignment"] for name, numbers in trajectories.items()}
 
-    assert alignments() == {"camera": "sim3", "camera_final": "sim3", "fused": "se2"}
+    assert alignments() == {"camera": "sim3", "camera_final": "sim3", "fused": "se2", "mapped": "se2"}
     assert set(alignments("--align", "se3").values()) == {"se3"}
 
 

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import cv2
+import matplotlib.colors
 import numpy as np
 import pytest
 
 from ceiling_dso_ros.cli.main import DONE, WRONG_INPUT, main
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.evaluation.map_figure import WAY_COLOURS
+from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.slam.map_file import write_map
 from ceiling_dso_ros.slam.records import Corners, KeyframeRecord, RecordCamera
 from ceiling_dso_ros.slam.site_map import Edge, MapKeyframe, SiteMap
@@ -44,6 +47,22 @@ def test_a_map_can_be_seen(site, tmp_path, capsys):
     assert "3.0 to 3.0 m above the floor" in text
     assert cv2.imread(str(pictures[0])).std() > 10.0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
+def test_ways_in_a_map_can_be_seen(site, tmp_path, capsys):
+    way, pictures = tmp_path / "mapped.tum", [tmp_path / "hall.png", tmp_path / "with_way.png"]
+    stamps_ns = np.arange(1, 4) * 10**9
+    positions = np.array([[0.5, 0.5, 0.0], [1.0, 0.5, 0.0], [1.5, 0.6, 0.0]])
+    write_tum(way, Trajectory(stamps_ns, positions, np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))))
+    assert main(["map", "info", str(site), "--picture", str(pictures[0])]) == DONE
+    assert main(["map", "info", str(site), "--picture", str(pictures[1]), "--way", str(way)]) == DONE
+    way_colour = np.array(matplotlib.colors.to_rgb(WAY_COLOURS[1]))[::-1] * 255
+    without, with_way = (
+        int((np.abs(cv2.imread(str(picture)) - way_colour).max(axis=2) < 20).sum()) for picture in pictures
+    )
+    assert without < 10 < 50 < with_way
+    assert main(["map", "info", str(site), "--way", str(way)]) == WRONG_INPUT
+    assert "name its file with --picture" in capsys.readouterr().err
 
 
 def test_a_picture_of_another_kind_is_refused(site, capsys):

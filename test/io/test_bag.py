@@ -237,6 +237,20 @@ def test_frames_can_be_named(path, tmp_path):
     )
 
 
+def test_a_frame_that_is_named_for_nothing_is_told(path, tmp_path):
+    (tmp_path / "robot.yaml").write_text(ROBOT + "T_base_camera: {xyz: [0, 0, 1], quat_xyzw: [0, 0, 0, 1]}\n")
+    with BagWriter(path) as bag:
+        write_info(bag)
+        write_images(bag)
+        bag.tf_static(START_NS, [("base_link", "lens", np.eye(4))])
+    warnings = []
+    for topics in (TopicNames(), TopicNames(camera_frame="lens")):
+        recording = open_recording(path, topics, robot_file=tmp_path / "robot.yaml", warn=warnings.append)
+        assert recording.robot.T_base_camera[2, 3] == 1.0
+    assert len(warnings) == 1
+    assert "robot.yaml: its T_base_camera is used, and not the pose of lens in tf" in warnings[0]
+
+
 def test_the_times_of_images_are_those_of_their_headers_and_tell_how_late_they_were_recorded(path):
     with BagWriter(path) as bag:
         write_info(bag)

@@ -8,7 +8,12 @@ from ceiling_dso_ros.cli.outputs import require_output_folder
 from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.io.errors import InputError, OutputError
 
-TOPICS = {"camera": "/visual_odometry/pose", "wheel": "/wheel/odometry", "fused": "/odometry/filtered"}
+TOPICS = {
+    "camera": "/visual_odometry/pose",
+    "wheel": "/wheel/odometry",
+    "fused": "/odometry/filtered",
+    "mapped": "/localization/pose",
+}
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -16,8 +21,8 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "collect",
         help="convert the recorded output of the nodes into trajectories",
-        description="Write camera.tum, wheel.tum and fused.tum from a bag with the output of the nodes, for example "
-        "from playback.launch record:=BAG; or all trajectories that a node has left that was killed.",
+        description=f"Write {', '.join(f'{name}.tum' for name in TOPICS)} from a bag with the output of the nodes, for "
+        "example from playback.launch record:=BAG; or all trajectories that a node has left that was killed.",
     )
     parser.add_argument("input", metavar="INPUT", type=Path, help="a ROS 1 bag, or the folder of a node: NODE....spool")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")

@@ -28,7 +28,14 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.io.trajectory import Trajectory
 
 # File -> alignment. The camera alone has no metric scale; trajectories with wheels are metric and planar.
-TRAJECTORIES = {"camera": "sim3", "camera_final": "sim3", "wheel": "se2", "fused": "se2", "fused_smoothed": "se2"}
+TRAJECTORIES = {
+    "camera": "sim3",
+    "camera_final": "sim3",
+    "wheel": "se2",
+    "fused": "se2",
+    "fused_smoothed": "se2",
+    "mapped": "se2",
+}
 NUMBERS = "evaluation.json"
 FARTHEST_S = 4 * 10**9  # from a clock that begins with zero to that of any computer
 

@@ -12,7 +12,7 @@ from ceiling_dso_ros.io.reference_files import reference_of_base, reference_of_c
 if TYPE_CHECKING:
     from ceiling_dso_ros.evaluation.reference_sigma import ReferenceSigma
 
-OF_THE_BASE = ("wheel", "fused", "fused_smoothed")
+OF_THE_BASE = ("wheel", "fused", "fused_smoothed", "mapped")
 BESIDE = ""  # of --reference-sigma without a value
 
 
@@ -29,7 +29,7 @@ def add_reference_options(parser: argparse.ArgumentParser) -> None:
         "--base-reference",
         metavar="GT.tum",
         type=Path,
-        help="TUM trajectory of base_link, metres, for wheel.tum, fused.tum and fused_smoothed.tum (default: "
+        help=f"TUM trajectory of base_link, metres, for {', '.join(f'{name}.tum' for name in OF_THE_BASE)} (default: "
         "GT_base.tum beside --reference GT.tum if it exists, else --reference itself)",
     )
     parser.add_argument(

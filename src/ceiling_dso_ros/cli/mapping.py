@@ -54,6 +54,9 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     info.add_argument(
         "--picture", metavar="FILE", type=Path, help="draw the ceiling, the ways and the loops: .png or .svg"
     )
+    info.add_argument(
+        "--way", metavar="TUM", type=Path, action="append", default=[], help="draw a mapped.tum, too; may be repeated"
+    )
     info.set_defaults(execute=_info)
 
 
@@ -111,9 +114,12 @@ def _summary(found: "DriveInMap") -> dict:
 
 def _info(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.evaluation.map_figure import write_map_figure
+    from ceiling_dso_ros.io.trajectory import read_tum
     from ceiling_dso_ros.slam.map_file import read_map
 
     picture = options.picture
+    if options.way and picture is None:
+        raise InputError(f"--way {options.way[0]}: is drawn in a picture; name its file with --picture")
     if picture is not None and picture.suffix not in FIGURE_ENDINGS:
         raise InputError(f"--picture {picture}: must end with {' or '.join(FIGURE_ENDINGS)}")
     site = read_map(options.map)
@@ -122,7 +128,7 @@ def _info(options: argparse.Namespace) -> None:
     print(f"camera: {own.width}x{own.height}, fx {own.fx:.2f} px; ceiling: {_heights(site)}")
     if picture is not None:
         require_output_file(picture)
-        write_map_figure(picture, site)
+        write_map_figure(picture, site, {path.stem: read_tum(path, warn).positions for path in options.way})
 
 
 def _heights(site: "SiteMap") -> str:

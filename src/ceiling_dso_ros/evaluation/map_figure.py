@@ -2,7 +2,7 @@
 """The picture of a map: the ceiling as a mosaic, the ways under it, and the loops."""
 
 from pathlib import Path
-from typing import Tuple
+from typing import Mapping, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ PIXEL_M = 0.04
 MOST_PIXELS = 4000  # of a side
 MARGIN_M = 4.0
 LOOP_COLOUR = "#D55E00"
+WAY_COLOURS = tuple(colour for colour in COLOURS if colour != LOOP_COLOUR)
 
 
 def mosaic(site: SiteMap) -> Tuple[np.ndarray, Tuple[float, float, float, float]]:
@@ -42,16 +43,21 @@ def mosaic(site: SiteMap) -> Tuple[np.ndarray, Tuple[float, float, float, float]
     return seen, (float(low[0]), float(low[0] + width * pixel_m), float(low[1]), float(low[1] + height * pixel_m))
 
 
-def write_map_figure(path: Path, site: SiteMap) -> None:
+def write_map_figure(path: Path, site: SiteMap, ways: Optional[Mapping[str, np.ndarray]] = None) -> None:
     """Write the picture as PNG or SVG, as the ending says.
+
+    Args:
+        path: of the picture.
+        site: the map.
+        ways: name -> (N, 3) positions in map, metres, of robots that were localised in it.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    save_figure(lambda: _figure(site), path)
+    save_figure(lambda: _figure(site, ways or {}), path)
 
 
-def _figure(site: SiteMap) -> Figure:
+def _figure(site: SiteMap, ways: Mapping[str, np.ndarray]) -> Figure:
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes = figure.add_subplot()
     seen, extent = mosaic(site)
@@ -65,8 +71,12 @@ def _figure(site: SiteMap) -> Figure:
     sessions = np.array([keyframe.session for keyframe in site.keyframes])
     for session in np.unique(sessions).tolist():
         own = poses[sessions == session]
-        colour = COLOURS[session % len(COLOURS)]
+        colour = WAY_COLOURS[session % len(WAY_COLOURS)]
         axes.plot(own[:, 0], own[:, 1], ".", color=colour, markersize=3.0, label=f"drive {session + 1}", zorder=4)
+    for index, (name, positions_m) in enumerate(ways.items()):
+        colour = WAY_COLOURS[(site.sessions + index) % len(WAY_COLOURS)]
+        axes.plot(positions_m[:, 0], positions_m[:, 1], color=colour, linewidth=1.5, label=name, zorder=5)
+        axes.plot(*positions_m[0, :2], "o", color=colour, markeredgecolor="white", markersize=6.0, zorder=6)
     axes.plot([], [], color=LOOP_COLOUR, label="loops")
     axes.set(xlabel="x [m]", ylabel="y [m]", title="the ceiling from below (y points down), and the ways under it")
     axes.set_aspect("equal")

@@ -118,7 +118,21 @@ class BagRecording(Recording):
     @cached_property
     def robot(self) -> Optional[RobotDescription]:
         """See Recording; T_base_camera comes from tf unless the robot file has it."""
-        return None if self._robot_file is None else read_robot_file(self._robot_file, self._find_mount)
+        if self._robot_file is None:
+            return None
+        from_tf: List[np.ndarray] = []
+
+        def find_mount() -> np.ndarray:
+            from_tf.append(self._find_mount())
+            return from_tf[0]
+
+        robot = read_robot_file(self._robot_file, find_mount)
+        if self._topics.camera_frame and not from_tf:
+            self._warn(
+                f"{self._robot_file}: its T_base_camera is used, and not the pose of {self._topics.camera_frame} in "
+                "tf; take T_base_camera out of it to use that"
+            )
+        return robot
 
     @property
     def ground_truth_path(self) -> Optional[Path]:
