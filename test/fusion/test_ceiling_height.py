@@ -30,6 +30,13 @@ def test_a_scale_that_would_raise_or_lower_the_ceiling_is_doubted_for_a_while(kn
     assert known.agrees
 
 
+def test_a_map_of_another_unit_has_the_scale_of_the_same_height(known):
+    assert known.log_scale(0.5) == pytest.approx(math.log(8.0))
+    assert math.isnan(known.log_scale(math.nan))
+    known.forget()
+    assert math.isnan(known.log_scale(0.5))
+
+
 def test_where_no_depth_is_known_nothing_is_doubted(known):
     known.see(math.log(80.0), math.nan, 0.2)
     assert known.agrees

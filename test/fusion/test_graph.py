@@ -51,6 +51,18 @@ def test_scale_of_a_new_segment_is_estimated_anew_and_the_pose_is_kept():
     assert np.exp(after.log_scale) == pytest.approx(1.4 * SCALE, rel=1e-3)
 
 
+@pytest.mark.parametrize("height_m", [None, 7.0])
+def test_a_new_segment_begins_with_what_is_known_of_the_ceiling(height_m):
+    """Rather than with the height that was given: that may be of another place."""
+    intervals, _ = chain(31, segment_at=30)
+    intervals[29] = replace(intervals[29], log_scale=np.log(1.4 * SCALE) + 0.05)
+    graph = WindowGraph(config(scale=ScaleConfig(ceiling_height_m=height_m, height_sigma=0.2)), NOISE)
+    first = run(graph, intervals[:30])
+    assert first.log_scale == pytest.approx(intervals[29].log_scale, abs=0.05)
+    assert first.scale_sigma < 0.21
+    assert np.exp(run(graph, intervals[30:]).log_scale) == pytest.approx(1.4 * SCALE, rel=0.05)
+
+
 def without_shift(interval):
     """Turned on the spot: the camera is above the turning centre and sees no motion that could tell the scale."""
     turned = replace(interval.visual, shift=np.zeros(2), lever_m=np.zeros(3))

@@ -44,7 +44,7 @@ def whole_graph(intervals, settings):
     for interval in intervals:
         pose = pose.compose(builder.guess(interval))
         values.insert(factors.pose_key(interval.end), pose)
-        values.insert(factors.scale_key(interval.end), builder.first_log_scale())
+        values.insert(factors.scale_key(interval.end), builder.first_log_scale(interval)[0])
         for factor in builder.factors(interval):
             graph.push_back(factor)
     return graph, values

@@ -132,7 +132,9 @@ class KeyframeBackend:
             visual = None
             self._refused.append(end)
         continues = self._chain.continues(keyframe)
-        interval = self._judged(Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth))
+        log_scale = math.nan if continues else self._height.log_scale(keyframe.depth)
+        measured = Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth, log_scale=log_scale)
+        interval = self._judged(measured)
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
         self._withdraw_taken_back(interval)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The height of the ceiling above the camera, by which the scale of a new map is doubted."""
+"""The height of the ceiling above the camera: a first guess of the scale of a new map, by which it is doubted, too."""
 
 import math
 from typing import Optional
@@ -42,6 +42,14 @@ class CeilingHeight:
         """The scale is known."""
         if math.isfinite(self._newest):
             self._log_height = self._newest
+
+    def log_scale(self, depth: float) -> float:
+        """Logarithm of metres per unit of a new map, nan where nothing is known.
+
+        Args:
+            depth: median depth of the map, units; nan where it is not known.
+        """
+        return math.nan if self._log_height is None or not depth > 0.0 else self._log_height - math.log(depth)
 
     @property
     def agrees(self) -> bool:

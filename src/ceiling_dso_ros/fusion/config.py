@@ -117,7 +117,7 @@ class ScaleConfig:
     """The scale: metres per unit of the visual odometry. Sigmas are of its logarithm."""
 
     ceiling_height_m: Optional[float] = None  # above the camera: about one VO unit, so an initial scale
-    height_sigma: float = 0.3  # of that guess
+    height_sigma: float = 0.3  # of that guess, and of a new segment's by the height of the ceiling before
     walk_sigma: float = 4e-4  # drift over a way of one unit
     converged_sigma: float = 0.005  # below it the scale is known
     lost_sigma: float = 0.02  # above this sigma the scale is no longer known

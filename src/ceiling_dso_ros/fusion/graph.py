@@ -8,7 +8,7 @@ oldest that remain. `smoothing.py` solves the graph of a whole drive at once, fr
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any, Deque, Dict, List, Optional, Sequence
+from typing import Any, Deque, Dict, List, Optional, Sequence, Tuple
 
 import gtsam
 import numpy as np
@@ -44,6 +44,7 @@ class Interval:
         wheels_slip: the wheels contradict the camera, so their noise is increased, also where it is not used.
         doubt: (3,) standard deviations of the wheels' motion beyond that; None where there are none.
         depth: of the odometry's map as the end saw it, units; nan where it is not known.
+        log_scale: guess of the logarithm of metres per unit, for the first of a segment; nan where there is none.
     """
 
     end: int
@@ -54,6 +55,7 @@ class Interval:
     wheels_slip: bool = False
     doubt: Optional[np.ndarray] = None
     depth: float = math.nan
+    log_scale: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ class FactorBuilder:
         motion["wheels"], motion["by_constants"] = interval.wheels.pose, interval.wheels.jacobian[:, 1:]
         motion["wheels_covariance"] = self._wheel_covariance(interval)
         motion["continues"], motion["walk_sigma"] = interval.continues, self._walk_sigma(interval)
-        motion["log_scale"] = self.first_log_scale(), self._first_scale_sigma()
+        motion["log_scale"] = self.first_log_scale(interval)
         visual = interval.visual
         if visual is not None:
             motion["is_seen"], motion["shift"], motion["yaw"] = True, visual.shift, visual.yaw
@@ -145,26 +147,26 @@ class FactorBuilder:
         forward, left, turn = interval.wheels.pose
         return gtsam.Pose2(forward, left, turn if interval.visual is None else interval.visual.yaw)
 
-    def first_log_scale(self) -> float:
-        """Initial value for the scale of a new segment."""
-        return math.log(self._config.scale.ceiling_height_m or FIRST_HEIGHT_M)
+    def first_log_scale(self, interval: Interval) -> Tuple[float, float]:
+        """Initial value for the scale of a new segment, and its sigma: one unit is about the depth of its first map."""
+        height_m = self._config.scale.ceiling_height_m
+        if height_m or math.isfinite(interval.log_scale):
+            guess = interval.log_scale if math.isfinite(interval.log_scale) else math.log(height_m or FIRST_HEIGHT_M)
+            return guess, self._config.scale.height_sigma
+        return math.log(FIRST_HEIGHT_M), FIRST_HEIGHT_SIGMA
 
     def _scale_factor(self, interval: Interval) -> gtsam.NonlinearFactor:
         end = factors.scale_key(interval.end)
         if interval.continues:
             walk = gtsam.noiseModel.Isotropic.Sigma(1, self._walk_sigma(interval))
             return gtsam.BetweenFactorDouble(factors.scale_key(interval.end - 1), end, 0.0, walk)
-        prior = gtsam.noiseModel.Isotropic.Sigma(1, self._first_scale_sigma())
-        return gtsam.PriorFactorDouble(end, self.first_log_scale(), prior)
+        guess, sigma = self.first_log_scale(interval)
+        return gtsam.PriorFactorDouble(end, guess, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
 
     def _walk_sigma(self, interval: Interval) -> float:
         """Of the change of the log-scale over an interval."""
         way = STANDING_SHIFT if interval.visual is None else max(STANDING_SHIFT, np.hypot(*interval.visual.shift))
         return self._config.scale.walk_sigma * math.sqrt(way)
-
-    def _first_scale_sigma(self) -> float:
-        """Of `first_log_scale`."""
-        return self._config.scale.height_sigma if self._config.scale.ceiling_height_m else FIRST_HEIGHT_SIGMA
 
     def _wheel_covariance(self, interval: Interval) -> np.ndarray:
         covariance = self._noise.covariance(interval.wheels, self._unmodelled)
@@ -262,7 +264,7 @@ class WindowGraph:
         """
         values = gtsam.Values(self._values)
         pose = values.atPose2(factors.pose_key(interval.end - 1)).compose(self._builder.guess(interval))
-        log_scale = self._builder.first_log_scale()
+        log_scale, _ = self._builder.first_log_scale(interval)
         if interval.continues:
             log_scale = values.atDouble(factors.scale_key(interval.end - 1))
         values.insert(factors.pose_key(interval.end), pose)
