@@ -23,9 +23,8 @@ from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.msg import MotionPrediction, VisualOdometryStatus
 from ceiling_dso_ros.playback.camera_spool import CameraSpool
-from ceiling_dso_ros.playback.frame_regulation import RateReason
 from ceiling_dso_ros.playback.visual_run import TrackedImage, VisualRun
-from ceiling_dso_ros.ros import diagnostics, parameters
+from ceiling_dso_ros.ros import diagnostics, dso_report, parameters
 from ceiling_dso_ros.ros.calibration_input import CalibrationInput
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.data_clock import StampKind
@@ -48,15 +47,6 @@ BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old image
 CALIBRATION_TIMEOUT_S = 0.3  # the first image and its camera_info come over different connections
 WARNING_PERIOD_S = 5.0
 LEFT_OUT = "left out: hardly anything has moved"
-LEVELS = {VisualOdometryStatus.TRACKING: diagnostics.OK, VisualOdometryStatus.LOST: diagnostics.ERROR}
-STATE_NAMES = {
-    VisualOdometryStatus.WAITING: "waiting",
-    VisualOdometryStatus.INITIALIZING: "initializing",
-    VisualOdometryStatus.TRACKING: "tracking",
-    VisualOdometryStatus.RETRYING: "retrying",
-    VisualOdometryStatus.LOST: "lost",
-    VisualOdometryStatus.RECOVERING: "recovering",
-}
 
 AnyImage = Union[Image, CompressedImage]
 
@@ -336,27 +326,10 @@ class DsoServer:
     # Diagnostics
 
     def _report(self, report: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
-        status: VisualOdometryStatus = self._status
-        text = f"{STATE_NAMES[status.state]}{': ' if status.message else ''}{status.message}"
-        report.summary(LEVELS.get(status.state, diagnostics.WARN), text)
-        if self._paused:
-            report.summary(diagnostics.WARN, "paused")
-        if self._calibrations.complaint:
-            report.mergeSummary(diagnostics.WARN, self._calibrations.complaint)
-        if self._keeper.complaint:
-            report.mergeSummary(diagnostics.WARN, self._keeper.complaint)
-        if self._exposures.complaint:
-            report.mergeSummary(diagnostics.WARN, self._exposures.complaint)
+        complaints = (self._calibrations.complaint, self._keeper.complaint, self._exposures.complaint)
+        dso_report.summarize(report, self._status, self._paused, complaints)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
-        if self._regulated:
-            why = RateReason(status.rate_reason).name.lower()
-            report.add("left out", f"{self._left_out}; {status.rate:.1f} images a second are used, the last one: {why}")
-        report.add("results not kept", str(self._keeper.lost))
-        report.add("processing [ms]", f"{status.processing_ms:.1f}")
-        report.add("photometric error [grey levels]", f"{status.rmse:.2f}")
-        report.add("active points", str(status.active_points))
-        report.add("segment", str(status.segment))
-        if self._predictions is not None:
-            report.add("motion predictions used", f"{self._predictions.used} of {self._predictions.asked}")
+        left_out = self._left_out if self._regulated else None
+        dso_report.add_figures(report, self._status, left_out, self._keeper.lost, self._predictions)
         return report
