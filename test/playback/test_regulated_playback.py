@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso import TrackingState
+from ceiling_dso_ros.dso import OdometryConfig, TrackingState
+from ceiling_dso_ros.dso.config import WindowConfig
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.io.recording import Frame
@@ -17,7 +18,8 @@ from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 
-HZ, DRIVE_S = 15.0, 10.0
+HZ, DRIVE_S = 15.0, 9.5
+CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=7, candidate_points=600, active_points=600))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def images(recording):
 
 
 def play(recording, images, regulated, predict=True):
-    visual = VisualRun.of(recording)
+    visual = VisualRun.of(recording, CONFIG)
     visual.regulate(regulated)
     fusion = FusionPlayback.of(recording)
     playback = Playback(visual, WarningLog(print), fusion, predict=predict)
