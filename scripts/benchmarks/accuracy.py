@@ -18,6 +18,7 @@ import numpy as np
 from support.ablation import ablation
 from support.checkout import DATA
 from support.endurance import long
+from support.regulation import regulation
 from support.table import Row, report
 from support.uncovered import uncovered
 
@@ -153,7 +154,8 @@ def covariance(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 
 
 PARTS: Dict[str, Callable[[TrackedDrives, int], Iterator[Row]]] = {
-    part.__name__: part for part in (recordings, starts, seeds, rates, events, uncovered, covariance, long, ablation)
+    part.__name__: part
+    for part in (recordings, starts, seeds, rates, regulation, events, uncovered, covariance, long, ablation)
 }
 
 

@@ -199,6 +199,15 @@ def test_images_are_scaled_and_thinned(tum_folder, command, tmp_path):
     np.testing.assert_allclose(used_s, stamps_s[::2], atol=1e-6)
 
 
+def test_images_are_left_out_as_the_motion_allows(tum_folder, command, tmp_path):
+    result = command("run", tum_folder, "--out", tmp_path / "out", "--fps", "auto")
+    assert (result.returncode, result.stderr) == (0, "")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["frames"] == summary["frame_rate"]["used"]
+    assert summary["frame_rate"]["used"] + summary["frame_rate"]["left_out"] == FRAMES
+    assert summary["frame_rate"]["reasons"]["starting"] > 0
+
+
 @pytest.mark.parametrize(
     ("option", "value", "complaint"),
     [
@@ -208,6 +217,7 @@ def test_images_are_scaled_and_thinned(tum_folder, command, tmp_path):
         ("--fps", "-1", "--fps -1: 0 for all images, or 0.0003 (one an hour) or more a second"),
         ("--fps", "nan", "--fps nan: 0 for all images"),
         ("--fps", "1e-300", "--fps 1e-300: 0 for all images"),
+        ("--fps", "fast", "--fps fast: a number, 0 for all images, or auto"),
     ],
 )
 def test_impossible_sizes_and_rates_are_refused(tum_folder, command, tmp_path, option, value, complaint):

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.frame_rate import SLOWEST_HZ, FrameRateLimit, require_frame_rate
+from ceiling_dso_ros.io.frame_rate import SLOWEST_HZ, FrameRateLimit, parse_frame_rate, require_frame_rate
 
 START_NS = 1_700_000_000 * 10**9
 
@@ -83,3 +83,16 @@ def test_the_slowest_and_the_fastest_rate_select_images(frame_rate):
     require_frame_rate(frame_rate, "frame_rate=")
     given = stamps(30.0, 30)
     assert passed(FrameRateLimit(frame_rate), given) == (given[:1] if frame_rate < 1.0 else given)
+
+
+@pytest.mark.parametrize(
+    ("text", "frame_rate"), [("15", 15.0), ("0", 0.0), ("0.0", 0.0), ("1e1", 10.0), ("auto", None)]
+)
+def test_a_rate_is_a_number_or_auto(text, frame_rate):
+    assert parse_frame_rate(text, "frame_rate=") == frame_rate
+
+
+@pytest.mark.parametrize("text", ["", "automatic", "15 Hz", "-1", "nan", "inf", "1e-300"])
+def test_other_texts_are_no_rate(text):
+    with pytest.raises(InputError, match=rf"^frame_rate={text}: .*0 for all images, or "):
+        parse_frame_rate(text, "frame_rate=")

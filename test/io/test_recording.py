@@ -93,3 +93,19 @@ def test_a_frame_rate_thins_the_images_before_they_are_read():
     frames = list(Listed(*images).frames(frame_rate=2.0))
     assert [type(frame) for frame in frames] == [Frame] * 6
     assert len(list(Listed(*images).frames())) == 30
+
+
+def test_an_image_that_is_left_out_is_not_read_and_asked_about_after_those_before_it():
+    asked_ns, used_ns = [], []
+
+    def leaves_out(stamp_ns):
+        asked_ns.append(stamp_ns)
+        assert used_ns == asked_ns[: len(used_ns)]
+        return len(used_ns) == 3
+
+    images = [(k * 10**8, GOOD if k <= 3 else FrameError("read for nothing")) for k in range(1, 10)]
+    for frame in Listed(*images).frames(leaves_out=leaves_out):
+        assert isinstance(frame, Frame)
+        used_ns.append(frame.stamp_ns)
+    assert used_ns == [10**8, 2 * 10**8, 3 * 10**8]
+    assert len(asked_ns) == 9

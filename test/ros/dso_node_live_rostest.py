@@ -223,7 +223,7 @@ class DsoNodeLive(unittest.TestCase):
         client = Client("dso_node")
         try:
             client.update_configuration({"frame_rate": 5.0})
-            self.assertEqual(rospy.get_param("dso_node/frame_rate"), 5.0)
+            self.assertEqual(rospy.get_param("dso_node/frame_rate"), "5.0")
             time.sleep(0.5)  # what was under way
             first = len(self.statuses)
             wait_until(lambda: len(self.statuses) >= first + 5, "no images any more")

@@ -16,11 +16,15 @@ from std_msgs.msg import Header  # noqa: E402
 from straight_drive import Drive  # noqa: E402
 
 from ceiling_dso_ros.cfg import DsoConfig  # noqa: E402
+from ceiling_dso_ros.dso import OdometryStatus, TrackingState  # noqa: E402
+from ceiling_dso_ros.dso.tracking.track_history import ExpectedMotion  # noqa: E402
 from ceiling_dso_ros.io.errors import LONGEST_MESSAGE  # noqa: E402
 from ceiling_dso_ros.msg import VisualOdometryStatus  # noqa: E402
 from ceiling_dso_ros.ros.conversions import ros_time  # noqa: E402
+from ceiling_dso_ros.ros.data_clock import DataClock  # noqa: E402
 from ceiling_dso_ros.ros.dso_server import DsoServer  # noqa: E402
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer  # noqa: E402
+from ceiling_dso_ros.ros.visual_input import VisualInput  # noqa: E402
 
 WIDTH, HEIGHT = 200, 160
 
@@ -70,9 +74,9 @@ def test_a_rate_that_makes_no_sense_is_refused_while_the_node_runs(camera):
     server.type, server.ns, server.mutex = DsoConfig, "~/", threading.Lock()
     server.config, server.callback = Config(DsoConfig.defaults), camera.server._reconfigure
     with pytest.raises(rospy.ServiceException, match=r"frame_rate=1e-300: 0 for all .*; nothing is changed$"):
-        server.update_configuration({"frame_rate": 1e-300, "map_period": 7.0})
+        server.update_configuration({"frame_rate": "1e-300", "map_period": 7.0})
     assert camera.server._map.period_s != 7.0
-    assert server.config["frame_rate"] == 0.0
+    assert server.config["frame_rate"] == "0"
 
 
 def test_a_camera_info_of_other_images_costs_neither_map_nor_memory(camera):
@@ -149,3 +153,90 @@ def test_the_cameras_trajectories_are_saved(camera, tmp_path):
         "camera_final.tum",
         "keyframes.tum",
     ]
+
+
+class Standing:
+    """An odometry whose camera has a map and stands."""
+
+    def __init__(self):
+        self.tracked_ns, self.map = [], None
+
+    def expect(self, stamp_ns, prediction):
+        return ExpectedMotion(0.0, 0.0, predicted=True)
+
+    def track(self, image, stamp_ns, exposure_ms, prediction):
+        self.tracked_ns.append(stamp_ns)
+        pose = {"T_world_camera": np.eye(4), "T_keyframe_camera": np.eye(4), "covariance": np.eye(6)}
+        return OdometryStatus(stamp_ns, TrackingState.TRACKING, 0, keyframe_id=0, rmse=4.0, **pose)
+
+    def reset(self):
+        pass
+
+
+def stand(camera, frame_rate, images, decoded):
+    """Statuses of images under a Standing odometry."""
+    camera.server._reconfigure(Config({**DsoConfig.defaults, "frame_rate": frame_rate}), 0)
+    camera.calibrate()
+    statuses = [camera.see()]
+    camera.server._run.odometry = Standing()
+    before = len(decoded)
+    statuses += [camera.see() for _ in range(images)]
+    return statuses, len(decoded) - before
+
+
+@pytest.fixture
+def decoded(monkeypatch):
+    """One entry for each image that was decoded."""
+    found = []
+
+    def image_array(message):
+        rng = np.random.default_rng(len(found))  # one that repeats another has no pose
+        found.append(rng.integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8))
+        return found[-1]
+
+    monkeypatch.setattr("ceiling_dso_ros.ros.dso_server.image_array", image_array)
+    return found
+
+
+def test_images_of_a_robot_that_stands_are_left_out_before_they_are_decoded(camera, decoded):
+    statuses, count = stand(camera, "auto", 150, decoded)
+    out = [status for status in statuses if status.rate_reason == VisualOdometryStatus.LEFT_OUT]
+    assert len(statuses) - 1 - len(out) == count == len(camera.server._run.odometry.tracked_ns)
+    assert len(out) > 70
+    assert statuses[-1].left_out == len(out)
+    last = out[-1]
+    assert (last.state, list(last.pose)) == (VisualOdometryStatus.TRACKING, [])
+    assert last.message == "left out: hardly anything has moved"
+    assert 1.0 < last.rate < 4.0
+    assert last.predict_from.to_nsec() in camera.server._run.odometry.tracked_ns
+    assert {status.rate_reason for status in statuses[100:]} == {
+        VisualOdometryStatus.LEFT_OUT,
+        VisualOdometryStatus.DUE,
+    }
+    camera.server._images.heard()  # they have not come by the topic
+    said = camera.world.diagnostics()
+    assert said.message.startswith("tracking")
+    assert {value.key: value.value for value in said.values}["left out"].startswith(f"{len(out)}; 2")
+
+
+def test_the_fusion_takes_an_image_that_is_left_out_for_none(camera, decoded):
+    """So it is neither a pose nor a loss, and its message still says that the camera lives."""
+    statuses, _ = stand(camera, "auto", 100, decoded)
+    visual = VisualInput(DataClock())
+    for status in statuses[70:]:
+        left_out = status.rate_reason == VisualOdometryStatus.LEFT_OUT
+        assert (visual.status(status) is None) == left_out
+
+
+def test_a_fixed_rate_leaves_out_nothing_that_reaches_the_odometry(camera, decoded):
+    for frame_rate in ("0", "15"):
+        statuses, count = stand(camera, frame_rate, 100, decoded)
+        assert count == 100
+        assert {(status.rate_reason, status.rate, status.left_out) for status in statuses} == {(0, 0.0, 0)}
+    assert camera.server._frame_rate.frame_rate == 15.0
+
+
+def test_the_rate_may_follow_the_motion_from_now_on(camera, decoded):
+    statuses, _ = stand(camera, "auto", 120, decoded)
+    camera.server._reconfigure(Config({**DsoConfig.defaults, "frame_rate": "0"}), 0)
+    assert [camera.see().left_out for _ in range(20)] == [statuses[-1].left_out] * 20

@@ -35,7 +35,10 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder; created if missing")
     parser.add_argument("--size", metavar="WxH", help="scale the images down to this size (default: original size)")
     parser.add_argument(
-        "--fps", metavar="N", type=float, default=0.0, help="largest number of images used per second (default: all)"
+        "--fps",
+        metavar="N",
+        default="0",
+        help="largest number of images used per second; auto: fewer while little moves (default: all)",
     )
     parser.add_argument(
         "--config", metavar="FILE.yaml", type=Path, help="yaml file with settings, such as config.yaml of a run"
@@ -81,7 +84,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
-    from ceiling_dso_ros.io.frame_rate import require_frame_rate
+    from ceiling_dso_ros.io.frame_rate import parse_frame_rate
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
@@ -90,7 +93,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.slam.map_file import read_map, require_camera
     from ceiling_dso_ros.slam.records import RecordCamera
 
-    require_frame_rate(options.fps, "--fps ")
+    frame_rate = parse_frame_rate(options.fps, "--fps ")
     of_odometry, of_fusion = split_overrides(options.overrides)
     config = load_settings(options.config, of_odometry, OdometryConfig)
     fusion_config = load_settings(options.fusion_config, of_fusion, FusionConfig)
@@ -107,6 +110,7 @@ def execute(options: argparse.Namespace) -> None:
     if site is not None and recording.robot is not None:
         camera = RecordCamera.of(visual.preprocess.camera, recording.robot.T_base_camera)
         require_camera(options.map, site, camera)
+    visual.regulate(frame_rate is None)
     playback = Playback(visual, warnings, fusion, predict=not options.no_prediction, keep_keyframes=site is not None)
     settings = {"config.yaml": config, **({} if fusion is None else {"fusion.yaml": fusion_config})}
     require_output_folder(options.out, [*settings, *playback.files, *([] if site is None else [MAPPED])])
@@ -117,8 +121,9 @@ def execute(options: argparse.Namespace) -> None:
     end = COMPLETE
     try:
         # disable=None: no bar where stderr is no terminal
-        total = None if options.fps else len(recording)
-        listed = recording.frames(options.fps, None if fusion is None else recording.wheels)
+        total = len(recording) if frame_rate == 0.0 else None
+        wheels = None if fusion is None else recording.wheels
+        listed = recording.frames(frame_rate or 0.0, wheels, playback.leaves_out)
         with tqdm(listed, total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
         _explain_missing_poses(playback, recording, fusion is not None)

@@ -27,6 +27,7 @@ from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck
 from ceiling_dso_ros.dso.start.map_start import MapStart
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingLostError, TrackingState, UntrackedImageError
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker, TrackedFrame
+from ceiling_dso_ros.dso.tracking.track_history import ExpectedMotion
 
 # In addition to the window's: the current frame, the first frame of a map, one that is about to leave, and the backlog.
 EXTRA_IMAGES = 3 + MAX_BACKLOG
@@ -109,6 +110,19 @@ class DirectOdometry:
             return self._set_aside(frame, str(error), timer)
         except TrackingLostError as error:
             return self._lose(frame, str(error), timer)
+
+    def expect(self, stamp_ns: int, prediction: Optional[CameraMotion] = None) -> Optional[ExpectedMotion]:
+        """How the camera should have moved up to an image, before any work on it; None without a map.
+
+        Args:
+            stamp_ns: of the image, nanoseconds.
+            prediction: as for `track`.
+        """
+        segment = self._segment
+        if segment.map is None:
+            return None
+        current, history = segment.map, segment.history
+        return history.expect(current.reference, current.pose_of, stamp_ns, segment.in_unit(prediction))
 
     def skip(self, stamp_ns: int, reason: str) -> OdometryStatus:
         """Take note of an image that shows nothing of the motion: it has no pose, and nothing else changes.

@@ -42,22 +42,27 @@ class OdometryRun:
         first: index of the first image that is tracked.
         every: one of this many images is tracked.
         predict: predict the motion of the camera from the wheels.
+        regulated: leave images out while hardly anything moves, see `FrameRegulation`.
     """
 
     config: OdometryConfig = OdometryConfig()
     first: int = 0
     every: int = 1
     predict: bool = False
+    regulated: bool = False
 
     def track(self, recording: Recording, name: str) -> Statuses:
         """Track the images; the status of each."""
         visual = VisualRun.of(recording, self.config)
+        visual.regulate(self.regulated)
         fusion = FusionPlayback.of(recording) if self.predict else None
         frames = tqdm(recording.frames(), desc=name, total=len(recording), unit="frame", disable=None)
         statuses: List[OdometryStatus] = []
         usable = (frame for frame in frames if isinstance(frame, Frame))
         for frame in itertools.islice(usable, self.first, None, self.every):
             prediction = fusion.predicted_motion(statuses[-1], frame.stamp_ns) if fusion and statuses else None
+            if visual.leaves_out(frame.stamp_ns, prediction):
+                continue
             statuses.append(visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, prediction).status)
             if fusion is not None:
                 fusion.add(statuses[-1])

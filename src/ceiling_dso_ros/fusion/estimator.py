@@ -22,7 +22,7 @@ from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, Trackin
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import FusionConfig, OutputConfig, RobotModel
-from ceiling_dso_ros.fusion.contradiction import UNSEEN_NS, Contradiction
+from ceiling_dso_ros.fusion.contradiction import Contradiction
 from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.leaps import Leaps
@@ -40,6 +40,7 @@ from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.fusion.wheel_track import HORIZON_S, WheelTrack
 
 LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
+NEXT_IMAGE_NS = nanoseconds(0.6)  # images come at least so often, where most are left out, too
 LONG_BASELINE_NS = nanoseconds(0.5)  # slow wheels that slip contradict images only over some time
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
 LONGEST_WAIT_NS = nanoseconds(HORIZON_S)  # of camera data for the wheels: what is older cannot be related to them
@@ -244,7 +245,7 @@ class FusionEstimator:
         """Whether images have been correcting the output up to now."""
         if not self._frames or not self._backend.scale_known or self._contradiction.camera_doubted:
             return False
-        return now_ns - self._on_wheel_clock(self._frames[-1].stamp_ns) < UNSEEN_NS
+        return now_ns - self._on_wheel_clock(self._frames[-1].stamp_ns) < NEXT_IMAGE_NS
 
     def _use_waiting(self, output: LiveOutput) -> None:
         """Use the camera data whose stamps the wheels have reached by now."""

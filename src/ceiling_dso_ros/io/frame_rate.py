@@ -6,6 +6,7 @@ from typing import Optional
 
 from ceiling_dso_ros.io.errors import InputError
 
+AUTO = "auto"  # instead of a number: the rate follows the motion
 SLOWEST_HZ = 1.0 / 3600.0  # nobody tracks one image an hour; below it, periods leave the range of integers
 EARLY_SHARE, EARLY_NS = 0.25, 10_000_000  # how early an image may be because of jitter: share of a period, and maximum
 BACKWARDS_PERIODS = 2.0  # a larger jump backwards means another run; a smaller one means images out of order
@@ -23,6 +24,26 @@ def require_frame_rate(frame_rate: float, name: str) -> None:
     """
     if frame_rate != 0.0 and not SLOWEST_HZ <= frame_rate < math.inf:
         raise InputError(f"{name}{frame_rate:g}: 0 for all images, or {SLOWEST_HZ:.1g} (one an hour) or more a second")
+
+
+def parse_frame_rate(text: str, name: str) -> Optional[float]:
+    """Images a second, 0 for all; None where they are to follow the motion.
+
+    Args:
+        text: a number, or AUTO.
+        name: of the option or parameter and what follows it, for the message.
+
+    Raises:
+        InputError: it is neither, in one line.
+    """
+    if text == AUTO:
+        return None
+    try:
+        frame_rate = float(text)
+    except ValueError:
+        raise InputError(f"{name}{text}: a number, 0 for all images, or {AUTO}") from None
+    require_frame_rate(frame_rate, name)
+    return frame_rate
 
 
 class FrameRateLimit:

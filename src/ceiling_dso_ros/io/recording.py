@@ -243,7 +243,10 @@ class Recording(ABC):
         """TUM file with the true poses of the camera's optical frame, None where there is none."""
 
     def frames(
-        self, frame_rate: float = 0.0, wheels: Optional[WheelSamples] = None
+        self,
+        frame_rate: float = 0.0,
+        wheels: Optional[WheelSamples] = None,
+        leaves_out: Callable[[int], bool] = lambda _: False,
     ) -> Iterator[Union[Frame, SkippedFrame]]:
         """The images in the order of the recording, each one read when it is asked for.
 
@@ -252,6 +255,7 @@ class Recording(ABC):
         Args:
             frame_rate: images a second, see `FrameRateLimit`; 0 for all.
             wheels: what the images are used with.
+            leaves_out: whether not to read the image with a stamp, nanoseconds; asked when all before have been used.
 
         Raises:
             InputError: the recording turns out to be damaged.
@@ -259,7 +263,7 @@ class Recording(ABC):
         limit = FrameRateLimit(frame_rate)
         for listed, fault in judged(self.images(), wheels):
             stamp_ns = listed.stamp_ns
-            if stamp_ns is not None and not fault and not limit.passes(stamp_ns):
+            if stamp_ns is not None and not fault and (not limit.passes(stamp_ns) or leaves_out(stamp_ns)):
                 continue
             try:
                 if fault:

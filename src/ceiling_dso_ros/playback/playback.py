@@ -92,6 +92,12 @@ class Playback:
             self._fusion.finish()
             self._make_records(self._fusion)
 
+    def leaves_out(self, stamp_ns: int) -> bool:
+        """Whether not to play the next image, stamped in nanoseconds; see `VisualRun.leaves_out`."""
+        if self.visual.regulation is None:
+            return False
+        return self.visual.leaves_out(stamp_ns, self._prediction(stamp_ns))
+
     def write(self, directory: Path, end: str) -> None:
         """Write all files of a run except its settings.
 
@@ -119,6 +125,7 @@ class Playback:
             "keyframes": len(self.visual.trajectories.keyframes()),
             "skipped": self.skipped,
             "segments": self.visual.trajectories.segments,
+            **({} if self.visual.regulation is None else {"frame_rate": self.visual.regulation.summary()}),
             "ms": self.timing.statistics_ms(),
             **(unknown if self._fusion is None else self._fusion.summary()),
             "warnings": self.warnings.lines,

@@ -17,6 +17,7 @@ from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
 from ceiling_dso_ros.io.recording import Recording
 from ceiling_dso_ros.io.warning_log import ignore_warning
+from ceiling_dso_ros.playback.frame_regulation import FrameRegulation
 from ceiling_dso_ros.playback.trackable_size import trackable_size
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
@@ -46,6 +47,7 @@ class VisualRun:
         odometry: the odometry.
         trajectories: the poses so far.
         last: status of the last image; None before the first.
+        regulation: leaves images out; None to use all.
     """
 
     def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, keep_trajectory: bool = True) -> None:
@@ -59,6 +61,7 @@ class VisualRun:
         self.preprocess = preprocess
         self._keep = keep_trajectory
         self.odometry = odometry
+        self.regulation: Optional[FrameRegulation] = None
         self.last: Optional[OdometryStatus]
         self._checksums: Deque[int]
         self._forget()
@@ -111,6 +114,22 @@ class VisualRun:
         preprocess = ImagePreprocessor(calibration, photometric, size, crop, GreyRange(bits, tell))
         return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler), keep_trajectory)
 
+    def regulate(self, on: bool) -> None:
+        """Let images be left out while hardly anything moves, from the next one on, or use all."""
+        if on != (self.regulation is not None):
+            self.regulation = FrameRegulation(self.preprocess.camera) if on else None
+
+    def leaves_out(self, stamp_ns: int, prediction: Optional[CameraMotion] = None) -> bool:
+        """Whether not to track the next image, judged before any work on it.
+
+        Args:
+            stamp_ns: its stamp, nanoseconds.
+            prediction: as for `track`.
+        """
+        if self.regulation is None:
+            return False
+        return self.regulation.leaves_out(stamp_ns, self.odometry.expect(stamp_ns, prediction))
+
     def track(
         self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float],
         prediction: Optional[CameraMotion] = None,
@@ -134,6 +153,8 @@ class VisualRun:
         end_s = time.perf_counter()
         timing_ms = {"undistort": 1e3 * (preprocessed_s - start_s), **status.timing_ms}
         self.last = status
+        if self.regulation is not None:
+            self.regulation.use(stamp_ns, None if status.T_world_camera is None else status.rmse)
         if self._keep:
             self.trajectories.add(status)
         return TrackedImage(replace(status, timing_ms=timing_ms), preprocessed, 1e3 * (end_s - start_s))
@@ -147,6 +168,8 @@ class VisualRun:
         self.trajectories = TrajectoryRecorder()
         self.last = None
         self._checksums = deque(maxlen=REMEMBERED_IMAGES)
+        if self.regulation is not None:
+            self.regulation.restart()
 
     def _repeats(self, image: np.ndarray) -> bool:
         """Whether an image is the very same as one of the last, which only one without noise can be: black or white."""

@@ -18,13 +18,13 @@ from ceiling_dso_ros.dso.compute.schedulers import LiveScheduler, SequentialSche
 from ceiling_dso_ros.dso.mapping.map_snapshot import NO_POINTS
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError, one_line
-from ceiling_dso_ros.io.frame_rate import FrameRateLimit, require_frame_rate
+from ceiling_dso_ros.io.frame_rate import FrameRateLimit, parse_frame_rate
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.msg import MotionPrediction, VisualOdometryStatus
 from ceiling_dso_ros.playback.camera_spool import CameraSpool
 from ceiling_dso_ros.playback.visual_run import TrackedImage, VisualRun
-from ceiling_dso_ros.ros import diagnostics, parameters
+from ceiling_dso_ros.ros import diagnostics, dso_report, parameters
 from ceiling_dso_ros.ros.calibration_input import CalibrationInput
 from ceiling_dso_ros.ros.conversions import image_array, no_pose_message, status_message
 from ceiling_dso_ros.ros.data_clock import StampKind
@@ -46,15 +46,7 @@ QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and c
 BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old images would wait in the socket
 CALIBRATION_TIMEOUT_S = 0.3  # the first image and its camera_info come over different connections
 WARNING_PERIOD_S = 5.0
-LEVELS = {VisualOdometryStatus.TRACKING: diagnostics.OK, VisualOdometryStatus.LOST: diagnostics.ERROR}
-STATE_NAMES = {
-    VisualOdometryStatus.WAITING: "waiting",
-    VisualOdometryStatus.INITIALIZING: "initializing",
-    VisualOdometryStatus.TRACKING: "tracking",
-    VisualOdometryStatus.RETRYING: "retrying",
-    VisualOdometryStatus.LOST: "lost",
-    VisualOdometryStatus.RECOVERING: "recovering",
-}
+LEFT_OUT = "left out: hardly anything has moved"
 
 AnyImage = Union[Image, CompressedImage]
 
@@ -103,11 +95,11 @@ class DsoServer:
         self._size = parse_image_size(own.image_size, "image_size") if own.image_size else None
 
         self._lock = threading.Lock()  # of the odometry, between the worker and the services
-        self._frame_rate = FrameRateLimit()
+        self._frame_rate, self._regulated = FrameRateLimit(), False
         self._mailbox = Mailbox()
         self._exposures = ExposureInput()
         self._images = diagnostics.Stream(own.silence)
-        self._dropped, self._paused = 0, False
+        self._dropped, self._left_out, self._paused = 0, 0, False
         self._status = VisualOdometryStatus(state=VisualOdometryStatus.WAITING, message="no image yet")
         self._clock = RunClock()
         self._calibration: Optional[CameraCalibration] = None  # of the run
@@ -171,6 +163,10 @@ class DsoServer:
     def _process(self, message: AnyImage) -> None:
         start_s = time.perf_counter()
         header = Header(stamp=message.header.stamp, frame_id=self._frame_id)
+        if self._leaves_out(message.header.stamp.to_nsec()):
+            self._left_out += 1
+            self._say(no_pose_message(header, self._status, LEFT_OUT), message, start_s)
+            return
         tracked: Optional[TrackedImage] = None
         try:
             status, tracked = self._track(message, header)
@@ -183,14 +179,29 @@ class DsoServer:
             self._start_anew()
             lost = VisualOdometryStatus(state=VisualOdometryStatus.LOST)
             status = no_pose_message(header, lost, one_line(f"failed: {type(error).__name__}: {error}"))
-        status.camera_frame_id = self._camera_frame(message)
-        status.processing_ms = 1e3 * (time.perf_counter() - start_s)
-        status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
         self._status = status
-        self._publisher.publish_status(status)
+        self._say(status, message, start_s)
         if tracked is not None and self._run is not None:  # for display and the map, so after what the robot waits for
             self._views.add(tracked, self._run.odometry.camera, status.camera_frame_id)
             self._show(header, status.camera_frame_id, tracked)
+
+    def _leaves_out(self, stamp_ns: int) -> bool:
+        """Whether an image is not used, because hardly anything has moved; it is not even decoded then."""
+        if self._run is None or self._run.regulation is None:
+            return False
+        return self._run.leaves_out(self._clock.inner_ns(stamp_ns), self._prediction(stamp_ns))
+
+    def _say(self, status: VisualOdometryStatus, message: AnyImage, start_s: float) -> None:
+        """Publish the status of an image, with all that is not of the odometry."""
+        status.camera_frame_id = self._camera_frame(message)
+        status.processing_ms = 1e3 * (time.perf_counter() - start_s)
+        status.images, status.dropped, status.rejected = self._images.received, self._dropped, self._images.rejected
+        status.left_out = self._left_out
+        regulation = None if self._run is None else self._run.regulation
+        if regulation is not None:
+            status.rate_reason = regulation.reason
+            status.rate = regulation.rate_hz(self._clock.inner_ns(message.header.stamp.to_nsec()))
+        self._publisher.publish_status(status)
 
     def _track(self, message: AnyImage, header: Header) -> Tuple[VisualOdometryStatus, Optional[TrackedImage]]:
         """Track an image and publish the pose; returns the status, and the image if it was tracked.
@@ -252,6 +263,7 @@ class DsoServer:
             self._size_complaint = one_line(f"cannot track: {error}")
             return
         self._size_complaint = ""
+        self._run.regulate(self._regulated)
         self._start_anew()
         rospy.loginfo(f"tracking images of {calibration.lens} as {self._run.odometry.camera}")
 
@@ -286,8 +298,11 @@ class DsoServer:
         self._views.reset()
 
     def _reconfigure(self, settings: DsoConfig, _level: int) -> DsoConfig:
-        require_frame_rate(settings.frame_rate, "frame_rate=")
-        self._frame_rate.frame_rate = settings.frame_rate
+        frame_rate = parse_frame_rate(settings.frame_rate, "frame_rate=")
+        self._frame_rate.frame_rate, self._regulated = frame_rate or 0.0, frame_rate is None
+        with self._lock:
+            if self._run is not None:
+                self._run.regulate(self._regulated)
         self._publisher.covariance_scale = settings.covariance_scale
         self._publisher.path.length, self._publisher.path.period_s = settings.path_length, settings.path_period
         self._map.period_s = settings.map_period
@@ -311,24 +326,10 @@ class DsoServer:
     # Diagnostics
 
     def _report(self, report: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
-        status: VisualOdometryStatus = self._status
-        text = f"{STATE_NAMES[status.state]}{': ' if status.message else ''}{status.message}"
-        report.summary(LEVELS.get(status.state, diagnostics.WARN), text)
-        if self._paused:
-            report.summary(diagnostics.WARN, "paused")
-        if self._calibrations.complaint:
-            report.mergeSummary(diagnostics.WARN, self._calibrations.complaint)
-        if self._keeper.complaint:
-            report.mergeSummary(diagnostics.WARN, self._keeper.complaint)
-        if self._exposures.complaint:
-            report.mergeSummary(diagnostics.WARN, self._exposures.complaint)
+        complaints = (self._calibrations.complaint, self._keeper.complaint, self._exposures.complaint)
+        dso_report.summarize(report, self._status, self._paused, complaints)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))
-        report.add("results not kept", str(self._keeper.lost))
-        report.add("processing [ms]", f"{status.processing_ms:.1f}")
-        report.add("photometric error [grey levels]", f"{status.rmse:.2f}")
-        report.add("active points", str(status.active_points))
-        report.add("segment", str(status.segment))
-        if self._predictions is not None:
-            report.add("motion predictions used", f"{self._predictions.used} of {self._predictions.asked}")
+        left_out = self._left_out if self._regulated else None
+        dso_report.add_figures(report, self._status, left_out, self._keeper.lost, self._predictions)
         return report

@@ -10,7 +10,7 @@ from ceiling_dso_ros.drivers.settings import CameraSettings, ExposureSettings, M
 from ceiling_dso_ros.dso.config import require
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.frame_rate import require_frame_rate
+from ceiling_dso_ros.io.frame_rate import parse_frame_rate
 from ceiling_dso_ros.io.grey_range import check_bits
 from ceiling_dso_ros.io.image_scaling import parse_image_size
 
@@ -40,9 +40,9 @@ def _require_odom_and_base(parameters: object) -> None:
 
 
 def _require_configurable(parameters: object, config: ModuleType) -> None:
-    """Check the parameters of dynamic_reconfigure against its ranges."""
-    for name in config.defaults:
-        if name != "groups":
+    """Check the numbers of dynamic_reconfigure against its ranges."""
+    for name, value in config.defaults.items():
+        if isinstance(value, (int, float)):
             _require_range(parameters, name, config.min[name], config.max[name])
 
 
@@ -55,7 +55,8 @@ class DsoParameters:
     rectified: bool = False  # images are rectified: P of camera_info describes them, not K and D
     bit_depth: int = 0  # of 16 bit images, 8 to 16, such as 12; 0 to find it from the images
     image_size: str = ""  # WIDTHxHEIGHT that the images are scaled down to; their own by default
-    frame_rate: float = DsoConfig.defaults["frame_rate"]  # largest number of images tracked per second; 0 for all
+    # Largest number of images tracked per second; 0 for all; auto: fewer while hardly anything moves
+    frame_rate: str = DsoConfig.defaults["frame_rate"]
     # live: in its own thread, so that poses do not wait for it. sequential: the same result as `run` with the images
     # that are not dropped
     mapping: str = "live"
@@ -88,7 +89,7 @@ class DsoParameters:
         )
         try:
             check_bits(self.bit_depth, "bit_depth")
-            require_frame_rate(self.frame_rate, "frame_rate=")
+            parse_frame_rate(self.frame_rate, "frame_rate=")
             if self.image_size:
                 parse_image_size(self.image_size, "image_size")
         except InputError as error:

@@ -36,6 +36,22 @@ class RelativePose(NamedTuple):
     stamp_ns: Optional[int]
 
 
+class ExpectedMotion(NamedTuple):
+    """How the camera should have moved since the last image with a pose.
+
+    Where several sources tell, the one that tells more of it counts.
+
+    Attributes:
+        flow_px: root mean square flow of the newest keyframe's points, pixels.
+        turn_rad: angle by which it has turned.
+        predicted: other sensors have predicted it; otherwise it is taken to go on as before.
+    """
+
+    flow_px: float
+    turn_rad: float
+    predicted: bool
+
+
 class DoubtfulFrame(NamedTuple):
     """A frame that moved too far, until the next one confirms it.
 
@@ -109,6 +125,18 @@ class TrackHistory:
             T_previous_reference, T_next_previous = self._expected(reference, pose_of, stamp_ns, self._poses[:2])
             yield T_next_previous @ T_previous_reference
             yield T_previous_reference
+
+    def expect(
+        self, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int,
+        prediction: Optional[CameraMotion],
+    ) -> ExpectedMotion:  # fmt: skip
+        """The motion from the last frame to the next one; the arguments are those of `hypotheses`."""
+        T_next_last = [self._expected(reference, pose_of, stamp_ns)[1]]
+        if prediction is not None:
+            T_next_last.append(se3.inverse(prediction.T_start_end))
+        flow_px = max(flow_of(T, reference) for T in T_next_last)
+        turn_rad = max(float(np.linalg.norm(se3.log(T)[3:])) for T in T_next_last)
+        return ExpectedMotion(flow_px, turn_rad, prediction is not None)
 
     def doubts(
         self, tracked: TrackedFrame, reference: TrackingReference, pose_of: Callable[[int], np.ndarray], stamp_ns: int,
