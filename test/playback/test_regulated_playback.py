@@ -18,7 +18,8 @@ from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.recording import SimulatedRecording
 
-HZ, DRIVE_S = 15.0, 9.5
+pytestmark = pytest.mark.long
+HZ, DRIVE_S = 15.0, 11.0
 CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=7, candidate_points=600, active_points=600))
 
 
