@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bundle adjustment of a whole drive: lens, mount, clock and wheels together with all poses and points.
+
+Gauss-Newton with Levenberg's damping; points are eliminated. Weights are those of Student's t distribution, because
+some sightings are wrong. How rough the floor is and how well wheels and images measure is estimated as well.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Tuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from ceiling_dso_ros.dso.durations import seconds
+from ceiling_dso_ros.lens.elimination_kernels import add_sightings, point_steps
+from ceiling_dso_ros.lens.floor import WheelPairs, add_terms, floor_terms, roughness
+from ceiling_dso_ros.lens.parameters import vector_of
+from ceiling_dso_ros.lens.sightings import SightingDerivatives, derivatives, residuals
+from ceiling_dso_ros.lens.state import LENS, MOUNT, OF_DRIVE, OF_KEYFRAME, WHEELS, DriveState
+from ceiling_dso_ros.lens.tracks import Tracks
+
+FREEDOM = 4.0  # of Student's t, of the sightings and of the wheels
+HOST_SLACK_PX = 0.5  # a point may be beside the corner in which it was found: along an edge, nothing else holds it
+MODEL_PX = 0.03  # what a sighting is wrong by beside its noise: interpolation, and patches that are not flat
+IDEPTH_SLACK = 0.5  # relative to the first guess, for points that nothing else tells
+GAUGE = 1e12  # information of where each segment begins
+WEAK = 1e-2  # information that keeps keyframes without sightings solvable
+CLUSTER_S = 2.0  # errors of sightings that are closer in time may have the same cause
+FIRST_FLOOR = np.array([2e-3, 3e-3, 3e-3])  # m, rad, rad
+LEAST_FLOOR = np.array([2e-5, 2e-5, 2e-5])
+FIRST_WHEELS = np.array([2e-3, 2e-3, 2e-3])  # m, m, rad for each pair
+LEAST_WHEELS = np.array([5e-5, 5e-5, 5e-5])
+STEPS = 8  # of Gauss-Newton for each estimate of the noise
+SMALL = 1e-3  # of a step's decrease of the cost: no more steps
+
+
+class Noise(NamedTuple):
+    """Standard deviations: floor (3,) and wheels (3,) as in `floor`, and the factor on those of the sightings."""
+
+    floor: np.ndarray
+    wheels: np.ndarray
+    sightings: float
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before: values (15,) and their information (15, 15); see `state`.
+
+    The mount's rotation is relative to the nominal one.
+    """
+
+    state: DriveState
+    information: np.ndarray
+
+    def deviation(self, state: DriveState) -> np.ndarray:
+        """(15,) how far a state is from the prior's values."""
+        turn = state.T_base_camera[:3, :3] @ self.state.T_base_camera[:3, :3].T
+        result = np.zeros(OF_DRIVE)
+        result[LENS] = vector_of(state.lens) - vector_of(self.state.lens)
+        result[MOUNT] = [*(state.T_base_camera - self.state.T_base_camera)[:3, 3], *Rotation.from_matrix(turn).as_rotvec()]
+        result[WHEELS] = state.wheels - self.state.wheels
+        return result
+
+
+class _System(NamedTuple):
+    H: np.ndarray
+    scores: np.ndarray
+    whitened: Tuple[np.ndarray, ...]  # what point_steps needs
+    cost: float
+
+
+class Adjustment:
+    """The problem of one drive."""
+
+    def __init__(
+        self, tracks: Tracks, stamps_ns: np.ndarray, segments: np.ndarray, wheels: WheelPairs, prior: Prior,
+        idepth: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Prepare.
+
+        Args:
+            tracks: the sightings.
+            stamps_ns: (K,) int64 of the keyframes, nanoseconds.
+            segments: (K,) int64 of the keyframes.
+            wheels: the pairs of keyframes with the wheels' motion.
+            prior: of lens, mount, clock and wheels.
+            idepth: (P,) first guess, 1 / m.
+        """
+        self.tracks, self.wheels, self.prior = tracks, wheels, prior
+        self.used = np.ones(len(wheels.keyframes), bool)  # pairs between which the wheels did not slip
+        self._first_idepth = idepth
+        cluster_s = seconds(stamps_ns - stamps_ns[0]) / CLUSTER_S
+        self._cluster = np.unique(cluster_s.astype(np.int64), return_inverse=True)[1].astype(np.int64)
+        self._held = np.flatnonzero(np.diff(segments, prepend=segments[0] - 1))
+        self._size = OF_DRIVE + OF_KEYFRAME * len(stamps_ns)
+        self._root = _roots(tracks.information)
+        slack = np.eye(2) / HOST_SLACK_PX**2
+        self._host_information = _softened(tracks.host_information) + slack
+
+    def solve(self, state: DriveState, noise: Noise, rounds: int) -> Tuple[DriveState, Noise]:
+        """Iterate; each round ends with a new estimate of the noise."""
+        for _ in range(rounds):
+            state = self._descend(state, noise)
+            noise = self._noise(state, noise)
+        return state, noise
+
+    def covariance(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, np.ndarray]:
+        """(15, 15) covariance of the unknowns of the drive: by the model of the noise, and by what errors have in fact.
+
+        The second one (sandwich) adds up the gradients of all that happened within CLUSTER_S, so that it also holds
+        where errors close to each other have the same cause.
+        """
+        system = self._system(state, noise)
+        factor = cho_factor(system.H)
+        chosen = cho_solve(factor, np.eye(self._size)[:, :OF_DRIVE])
+        spread = system.scores @ chosen
+        clusters = len(spread)
+        # the prior's values are one draw: its own information stands for its score
+        by_prior = chosen[:OF_DRIVE].T @ self.prior.information @ chosen[:OF_DRIVE]
+        return chosen[:OF_DRIVE], spread.T @ spread * clusters / max(clusters - 1, 1) + by_prior
+
+    def _descend(self, state: DriveState, noise: Noise) -> DriveState:
+        damping = 1e-4
+        system = self._system(state, noise)
+        for _ in range(STEPS):
+            H = system.H.copy()
+            diagonal = np.arange(self._size)
+            H[diagonal, diagonal] *= 1.0 + damping
+            gradient = system.scores.sum(axis=0)
+            gradient[:OF_DRIVE] += self.prior.information @ self.prior.deviation(state)
+            step = -cho_solve(cho_factor(H), gradient)
+            points = point_steps(*system.whitened, step)
+            try:
+                moved = state.moved(step[:OF_DRIVE], step[OF_DRIVE:].reshape(-1, OF_KEYFRAME), points)
+                trial = self._system(moved, noise)
+            except (ValueError, np.linalg.LinAlgError):
+                trial = None
+            if trial is None or not trial.cost < system.cost:
+                damping *= 30.0
+                if damping > 1e6:
+                    break
+                continue
+            decrease = system.cost - trial.cost
+            state, system, damping = moved, trial, max(0.1 * damping, 1e-9)
+            if decrease < SMALL:
+                break
+        return state
+
+    def _system(self, state: DriveState, noise: Noise) -> _System:
+        H = np.zeros((self._size, self._size))
+        scores = np.zeros((int(self._cluster.max()) + 1, self._size))
+        residual, roots, cost = self._whitening(state, noise)
+        own, pull, of_points = self._points_alone(state, noise)
+        changes = SightingDerivatives(*(roots @ change for change in derivatives(state, self.tracks)))
+        arguments = (self.tracks.first, self.tracks.host, self.tracks.target, OF_DRIVE, *changes, residual, own, pull)
+        add_sightings(*arguments, self._cluster[self.tracks.host], H, scores)
+        floor = floor_terms(state, noise.floor, OF_DRIVE)
+        add_terms(floor, H, scores, self._cluster)
+        weights, of_wheels = self._wheel_weights(state, noise)
+        add_terms(self.wheels.terms(state, noise.wheels, weights, OF_DRIVE), H, scores, self._cluster)
+        deviation = self.prior.deviation(state)
+        H[:OF_DRIVE, :OF_DRIVE] += self.prior.information
+        cost += of_points + 0.5 * float(np.square(floor.residual).sum()) + of_wheels
+        cost += 0.5 * float(deviation @ self.prior.information @ deviation)
+        poses = np.arange(OF_DRIVE, self._size)
+        H[poses, poses] += WEAK
+        for keyframe in self._held:
+            at = OF_DRIVE + OF_KEYFRAME * keyframe + np.array([0, 1, 5])
+            H[at, at] += GAUGE
+        return _System(H, scores, arguments, cost)
+
+    def _whitening(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, np.ndarray, float]:
+        """Whitened residuals (M, 2), matrices (M, 2, 2) that whiten and weight, and the cost."""
+        difference, ahead = residuals(state, self.tracks)
+        whitened = np.einsum("nij,nj->ni", self._root, difference) / noise.sightings
+        square = np.where(ahead, np.square(whitened).sum(axis=1), 1e4)
+        roots = np.sqrt((FREEDOM + 2.0) / (FREEDOM + square)) * ahead
+        cost = 0.5 * (FREEDOM + 2.0) * float(np.log1p(square / FREEDOM).sum())
+        return whitened * roots[:, None], self._root * (roots / noise.sightings)[:, None, None], cost
+
+    def _points_alone(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, np.ndarray, float]:
+        """Information (P, 3, 3) and gradient (P, 3) of each point's own pixel and depth, and their cost."""
+        own = np.zeros((len(self._first_idepth), 3, 3))
+        own[:, :2, :2] = self._host_information / noise.sightings**2
+        own[:, 2, 2] = 1.0 / np.square(IDEPTH_SLACK * self._first_idepth)
+        beside = np.column_stack([state.pixel - self.tracks.host_pixel, state.idepth - self._first_idepth])
+        pull = np.einsum("nij,nj->ni", own, beside)
+        return own, pull, 0.5 * float((pull * beside).sum())
+
+    def _wheel_weights(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, float]:
+        square = np.square(self.wheels.residuals(state) / noise.wheels).sum(axis=1)
+        weights = (FREEDOM + 3.0) / (FREEDOM + square) * self.used
+        return weights, 0.5 * (FREEDOM + 3.0) * float((np.log1p(square / FREEDOM) * self.used).sum())
+
+    def _noise(self, state: DriveState, noise: Noise) -> Noise:
+        """The noise that the residuals show; that of the floor with the uncertainty of the poses (EM)."""
+        system = self._system(state, noise)
+        inverse = np.linalg.inv(system.H)
+        floor = floor_terms(state, np.ones(3), OF_DRIVE)
+        blocks = inverse[floor.index[:, :, None], floor.index[:, None, :]]
+        unsure = np.einsum("nki,nij,nkj->k", floor.derivative, blocks, floor.derivative) / len(blocks)
+        rough = np.sqrt(np.mean(np.square(roughness(state.T_world_base)), axis=0) + unsure)
+        of_wheels = self.wheels.residuals(state)[self.used]
+        scatter = 1.4826 * np.median(np.abs(of_wheels), axis=0)
+        difference, ahead = residuals(state, self.tracks)
+        whitened = np.einsum("nij,nj->ni", self._root, difference)[ahead]
+        # of two degrees of freedom, half of the squares are below 2 ln 2
+        factor = np.sqrt(np.median(np.square(whitened).sum(axis=1)) / (2.0 * np.log(2.0)))
+        sightings, points = len(self.tracks.target), len(self.tracks.host)
+        factor /= np.sqrt((2 * sightings - points) / (2 * sightings + 2 * points))  # each point takes three of them
+        return Noise(np.maximum(rough, LEAST_FLOOR), np.maximum(scatter, LEAST_WHEELS), float(factor))
+
+
+def _softened(information: np.ndarray) -> np.ndarray:
+    """Information (N, 2, 2) with MODEL_PX added to the noise: (I^-1 + s^2)^-1 = (1 + s^2 I)^-1 I."""
+    return np.linalg.solve(np.eye(2) + MODEL_PX**2 * information, information)
+
+
+def _roots(information: np.ndarray) -> np.ndarray:
+    """(N, 2, 2) whose transpose times itself is the softened information."""
+    values, vectors = np.linalg.eigh(_softened(information))
+    return np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+
+
+def first_noise() -> Noise:
+    """Before anything is known of it."""
+    return Noise(FIRST_FLOOR, FIRST_WHEELS, 1.0)
+
