@@ -68,11 +68,13 @@ def synthetic_drive(seed, duration_s=24.0, lens=LENS, noise_px=NOISE_PX, offset_
     times = np.arange(0.5, duration_s - 0.5, 0.25)
     poses, T_base_camera = rough_poses(path_at(times), rng), mount()
     cameras = poses @ T_base_camera
-    stamps = [START_NS + int(round(1e9 * (time - offset_s))) for time in times]
+    stamps = [START_NS + int(1e9 * (time - offset_s)) for time in times]
     in_units = np.linalg.inv(cameras[0]) @ cameras
     in_units[:, :3, 3] /= UNIT_M
     keyframes = [SeenKeyframe(stamp, 0, T, None, None, np.zeros((0, 3))) for stamp, T in zip(stamps, in_units)]
-    return SyntheticDrive(keyframes, _tracks(rng, cameras, lens, noise_px), _steps(rng, duration_s), poses, T_base_camera, lens)
+    return SyntheticDrive(
+        keyframes, _tracks(rng, cameras, lens, noise_px), _steps(rng, duration_s), poses, T_base_camera, lens
+    )
 
 
 def _tracks(rng, cameras, lens, noise_px):
@@ -82,7 +84,9 @@ def _tracks(rng, cameras, lens, noise_px):
         pixel = rng.uniform([8, 8], [lens.width - 9, lens.height - 9], (POINTS, 2))
         ray = rays_of(lens, pixel, (pixel - [lens.cx, lens.cy]) / [lens.fx, lens.fy])
         depth = rng.uniform(3.0, 5.0, POINTS)
-        points = np.column_stack([ray, np.ones(POINTS)]) * depth[:, None] @ cameras[host, :3, :3].T + cameras[host, :3, 3]
+        points = (
+            np.column_stack([ray, np.ones(POINTS)]) * depth[:, None] @ cameras[host, :3, :3].T + cameras[host, :3, 3]
+        )
         for p in range(POINTS):
             count = 0
             for target in range(host + 1, min(host + 1 + TARGETS, len(cameras))):
@@ -119,5 +123,5 @@ def _steps(rng, duration_s, noise_m=1e-4):
     wheels += rng.normal(0.0, 1.0, wheels.shape) * noise_m * np.sqrt(np.abs(wheels))
     angles = np.vstack([np.zeros(2), np.cumsum(wheels, axis=0)]) / 0.098
     odometry = WheelOdometry(ROBOT, WheelConfig())
-    steps = (odometry.add_angles(START_NS + int(round(1e9 * t)), *angle) for t, angle in zip(times, angles.tolist()))
+    steps = (odometry.add_angles(START_NS + int(1e9 * t), *angle) for t, angle in zip(times, angles.tolist()))
     return [step for step in steps if step is not None]

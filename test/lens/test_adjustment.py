@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_drive import LENS, ROBOT, synthetic_drive
 
 from ceiling_dso_ros.lens.finding import find, in_calibration_order, mount_angles
 from ceiling_dso_ros.lens.parameters import vector_of, with_vector
-from synthetic_drive import LENS, ROBOT, synthetic_drive
 
 WRONG = np.array([1.5, 1.0, 2.5, -2.0, 0.02, 0.0])
 

@@ -5,18 +5,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_drive import LENS, ROBOT, synthetic_drive
 
 from ceiling_dso_ros.fusion.calibration_data import WheelPath
 from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.lens.finding import _wheel_pairs
 from ceiling_dso_ros.lens.floor import floor_terms
 from ceiling_dso_ros.lens.parameters import (
-    by_parameters, by_ray, correctable, names_of, pixels_of, rays_of, vector_of, with_vector,
+    by_parameters,
+    by_ray,
+    correctable,
+    names_of,
+    pixels_of,
+    rays_of,
+    vector_of,
+    with_vector,
 )  # fmt: skip
 from ceiling_dso_ros.lens.sightings import derivatives, residuals
 from ceiling_dso_ros.lens.state import OF_DRIVE, DriveState
 from ceiling_dso_ros.lens.tracks import Tracks
-from synthetic_drive import LENS, ROBOT, synthetic_drive
 
 LENSES = {
     "RadTan": LENS,
@@ -61,7 +68,9 @@ def test_a_lens_by_rays_and_by_its_numbers(lens):
     pixels = pixels_of(lens, rays)
     np.testing.assert_allclose(rays_of(lens, pixels, rays + 0.02), rays, atol=1e-9)
     for axis, step in enumerate(STEP * np.eye(2)):
-        np.testing.assert_allclose(by_ray(lens, rays)[:, :, axis], (pixels_of(lens, rays + step) - pixels) / STEP, atol=1e-3)
+        np.testing.assert_allclose(
+            by_ray(lens, rays)[:, :, axis], (pixels_of(lens, rays + step) - pixels) / STEP, atol=1e-3
+        )
     vector, found = vector_of(lens), by_parameters(lens, rays)
     for number in range(6):
         other = with_vector(lens, vector + 1e-6 * np.eye(6)[number])
@@ -82,13 +91,17 @@ def test_sightings(drive, state):
         return residuals(state, tracks)[0]
 
     for number in range(12):
-        np.testing.assert_allclose(found.of_camera[:, :, number], numeric(function, state, number), atol=2e-3, err_msg=number)
+        np.testing.assert_allclose(
+            found.of_camera[:, :, number], numeric(function, state, number), atol=2e-3, err_msg=number
+        )
     host, target = tracks.host[tracks.point], tracks.target
     for keyframe in (0, 3, 7):
         for axis in range(6):
             change = numeric(function, state, OF_DRIVE + 6 * keyframe + axis)
             np.testing.assert_allclose(change[host == keyframe], found.of_host[host == keyframe, :, axis], atol=2e-3)
-            np.testing.assert_allclose(change[target == keyframe], found.of_target[target == keyframe, :, axis], atol=2e-3)
+            np.testing.assert_allclose(
+                change[target == keyframe], found.of_target[target == keyframe, :, axis], atol=2e-3
+            )
             assert np.abs(change[(host != keyframe) & (target != keyframe)]).max() == 0.0
     for point in (0, 40):
         mine = tracks.point == point
@@ -98,20 +111,23 @@ def test_sightings(drive, state):
             assert np.abs(change[~mine]).max() == 0.0
 
 
-def test_floor_and_wheels(drive, state):
+@pytest.mark.parametrize("what", ["floor", "wheels"])
+def test_floor_and_wheels(drive, state, what):
     wheels = _wheel_pairs(drive.keyframes, WheelPath(drive.steps, ROBOT.wheel_base_m))
     sigmas, weights = np.array([0.002, 0.003, 0.004]), np.linspace(0.5, 1.0, len(wheels.pairs))
-    for terms_of in (
-        lambda state: floor_terms(state, sigmas, OF_DRIVE),
-        lambda state: wheels.terms(state, sigmas, weights, OF_DRIVE),
-    ):
-        terms = terms_of(state)
-        dense = np.zeros((*terms.residual.shape, OF_DRIVE + 6 * len(state.T_world_base)))
-        for n, index in enumerate(terms.index):
-            dense[n][:, index] = terms.derivative[n]
-        for number in (*range(OF_DRIVE), *range(OF_DRIVE + 6, OF_DRIVE + 24)):
-            expected = numeric(lambda state: terms_of(state).residual, state, number)
-            np.testing.assert_allclose(dense[:, :, number], expected, atol=1e-4 * max(1.0, np.abs(expected).max()))
+
+    def terms_of(state):
+        return (
+            floor_terms(state, sigmas, OF_DRIVE) if what == "floor" else wheels.terms(state, sigmas, weights, OF_DRIVE)
+        )
+
+    terms = terms_of(state)
+    dense = np.zeros((*terms.residual.shape, OF_DRIVE + 6 * len(state.T_world_base)))
+    for n, index in enumerate(terms.index):
+        dense[n][:, index] = terms.derivative[n]
+    for number in (*range(OF_DRIVE), *range(OF_DRIVE + 6, OF_DRIVE + 24)):
+        expected = numeric(lambda state: terms_of(state).residual, state, number)
+        np.testing.assert_allclose(dense[:, :, number], expected, atol=1e-4 * max(1.0, np.abs(expected).max()))
 
 
 def test_tracks_know_the_point_of_each_sighting(drive):

@@ -58,7 +58,10 @@ class Prior:
         turn = state.T_base_camera[:3, :3] @ self.state.T_base_camera[:3, :3].T
         result = np.zeros(OF_DRIVE)
         result[LENS] = vector_of(state.lens) - vector_of(self.state.lens)
-        result[MOUNT] = [*(state.T_base_camera - self.state.T_base_camera)[:3, 3], *Rotation.from_matrix(turn).as_rotvec()]
+        result[MOUNT] = [
+            *(state.T_base_camera - self.state.T_base_camera)[:3, 3],
+            *Rotation.from_matrix(turn).as_rotvec(),
+        ]
         result[WHEELS] = state.wheels - self.state.wheels
         return result
 
@@ -226,4 +229,3 @@ def _roots(information: np.ndarray) -> np.ndarray:
 def first_noise() -> Noise:
     """Before anything is known of it."""
     return Noise(FIRST_FLOOR, FIRST_WHEELS, 1.0)
-

@@ -78,9 +78,11 @@ def find(
     path = WheelPath(steps, known.wheel_base_m)
     wheels = _wheel_pairs(keyframes, path)
     if len(wheels.pairs) < MIN_PAIRS:
-        raise CalibrationError(f"only {len(wheels.pairs)} pairs of keyframes with motion between them: drive for longer")
+        raise CalibrationError(
+            f"only {len(wheels.pairs)} pairs of keyframes with motion between them: drive for longer"
+        )
     state = _first_state(keyframes, tracks, wheels, known, guess, guess_lens)
-    prior = _prior(known, known_lens)
+    prior = prior_of(known, known_lens)
     adjustment = Adjustment(
         tracks,
         np.array([keyframe.stamp_ns for keyframe in keyframes], np.int64),
@@ -100,8 +102,8 @@ def find(
             break
         if np.count_nonzero(used) < max(MIN_PAIRS, len(used) // 2):
             raise CalibrationError(
-                f"wheels and camera disagree about {np.count_nonzero(~used)} of {len(used)} pairs of keyframes: the wheels "
-                "slip, or the joints or the dimensions are those of another robot"
+                f"wheels and camera disagree about {np.count_nonzero(~used)} of {len(used)} pairs of keyframes: the "
+                "wheels slip, or the joints or the dimensions are those of another robot"
             )
         adjustment.used = used
         state, noise = adjustment.solve(state, noise, ROUNDS)
@@ -165,7 +167,8 @@ def _scales(pairs: Sequence[ImagePair], motions: np.ndarray, mount: np.ndarray) 
     }
 
 
-def _prior(robot: RobotModel, lens: LensCamera) -> Prior:
+def prior_of(robot: RobotModel, lens: LensCamera) -> Prior:
+    """What is known of a nominal robot and of the lens of a recording."""
     roll_pitch_yaw, position, clock = PRIOR_SIGMAS[:3], PRIOR_SIGMAS[3:5], PRIOR_SIGMAS[5:]
     covariance = np.zeros((OF_DRIVE, OF_DRIVE))
     focal = np.array([lens.fx, lens.fy])

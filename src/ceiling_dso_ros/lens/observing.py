@@ -38,6 +38,7 @@ def observe(visual: VisualRun, frames: Iterable[Frame]) -> ObservedDrive:
     poses = camera_poses(statuses())
     views.sort(key=lambda view: view.stamp_ns)
     keyframes = [
-        SeenKeyframe(view.stamp_ns, *estimates[view.keyframe_id], view.image, view.camera, view.points) for view in views
+        SeenKeyframe(view.stamp_ns, *estimates[view.keyframe_id], view.image, view.camera, view.points)
+        for view in views
     ]
     return ObservedDrive(poses, keyframes)

@@ -7,7 +7,7 @@ the lens with which the images were undistorted remains in them.
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Deque, Iterable, List, NamedTuple, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -146,7 +146,9 @@ def _corners(keyframe: SeenKeyframe) -> Tuple[np.ndarray, np.ndarray]:
     height, width = keyframe.image.shape
     mask = np.zeros((height, width), np.uint8)
     mask[BORDER_PX : height - BORDER_PX, BORDER_PX : width - BORDER_PX] = 1
-    found = cv2.goodFeaturesToTrack(keyframe.image, CORNERS, QUALITY, width / SPREAD, mask=mask, blockSize=2 * RADIUS + 1)
+    found = cv2.goodFeaturesToTrack(
+        keyframe.image, CORNERS, QUALITY, width / SPREAD, mask=mask, blockSize=2 * RADIUS + 1
+    )
     if found is None or len(keyframe.points) < NEIGHBOURS:
         return np.zeros((0, 2), np.int64), np.zeros(0)
     corners = np.rint(found.reshape(-1, 2)).astype(np.int64)
@@ -216,10 +218,14 @@ def _raw(
 def _joined(parts: Sequence[Tracks]) -> Tracks:
     if not parts:
         none, pair = np.zeros(0, np.int64), np.zeros((0, 2))
-        return Tracks(none, pair, pair, np.zeros((0, 2, 2)), np.zeros(0), np.zeros(1, np.int64), none, pair, np.zeros((0, 2, 2)))
+        return Tracks(
+            none, pair, pair, np.zeros((0, 2, 2)), np.zeros(0), np.zeros(1, np.int64), none, pair, np.zeros((0, 2, 2))
+        )
     starts = np.cumsum([0, *(part.first[-1] for part in parts)])
     first = np.concatenate([*(part.first[:-1] + start for part, start in zip(parts, starts)), starts[-1:]])
     names = ("host", "host_ray", "host_pixel", "host_information", "idepth")
     of_points = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
-    of_sightings = (np.concatenate([getattr(part, name) for part in parts]) for name in ("target", "pixel", "information"))
+    of_sightings = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("target", "pixel", "information")
+    )
     return Tracks(*of_points, first, *of_sightings)
