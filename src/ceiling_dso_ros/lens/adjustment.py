@@ -5,8 +5,9 @@ Gauss-Newton with Levenberg's damping; points are eliminated. Weights are those 
 some sightings are wrong. How rough the floor is and how well wheels and images measure is estimated as well.
 """
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple, Tuple
+from typing import Any, NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -16,7 +17,7 @@ from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.lens.elimination_kernels import add_sightings, point_steps
 from ceiling_dso_ros.lens.floor import WheelPairs, add_terms, floor_terms, roughness
 from ceiling_dso_ros.lens.parameters import vector_of
-from ceiling_dso_ros.lens.sightings import SightingDerivatives, derivatives, residuals
+from ceiling_dso_ros.lens.sightings import derivatives, residuals
 from ceiling_dso_ros.lens.state import LENS, MOUNT, OF_DRIVE, OF_KEYFRAME, WHEELS, DriveState
 from ceiling_dso_ros.lens.tracks import Tracks
 
@@ -32,7 +33,8 @@ LEAST_FLOOR = np.array([2e-5, 2e-5, 2e-5])
 FIRST_WHEELS = np.array([2e-3, 2e-3, 2e-3])  # m, m, rad for each pair
 LEAST_WHEELS = np.array([5e-5, 5e-5, 5e-5])
 STEPS = 8  # of Gauss-Newton for each estimate of the noise
-SMALL = 1e-3  # of a step's decrease of the cost: no more steps
+SMALL = 0.02  # decrease of the cost by a step, which is that of half a square of a standard deviation: no more steps
+FIRST_DAMPING = 1e-5
 
 
 class Noise(NamedTuple):
@@ -69,8 +71,7 @@ class Prior:
 class _System(NamedTuple):
     H: np.ndarray
     scores: np.ndarray
-    whitened: Tuple[np.ndarray, ...]  # what point_steps needs
-    cost: float
+    whitened: Tuple[Any, ...]  # what point_steps needs
 
 
 class Adjustment:
@@ -108,70 +109,78 @@ class Adjustment:
             noise = self._noise(state, noise)
         return state, noise
 
-    def covariance(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, np.ndarray]:
-        """(15, 15) covariance of the unknowns of the drive: by the model of the noise, and by what errors have in fact.
+    def covariance(self, state: DriveState, noise: Noise) -> np.ndarray:
+        """(15, 15) covariance of the unknowns of the drive.
 
-        The second one (sandwich) adds up the gradients of all that happened within CLUSTER_S, so that it also holds
-        where errors close to each other have the same cause.
+        It is that of the model of the noise, with each standard deviation as large as errors have in fact where that is
+        more (sandwich): gradients of all that happened within CLUSTER_S are added up, so that errors which are close to
+        each other may have the same cause. The correlations are those of the model, because there are few clusters.
         """
         system = self._system(state, noise)
-        factor = cho_factor(system.H)
-        chosen = cho_solve(factor, np.eye(self._size)[:, :OF_DRIVE])
+        chosen = cho_solve(cho_factor(system.H), np.eye(self._size)[:, :OF_DRIVE])
         spread = system.scores @ chosen
         clusters = len(spread)
+        modelled = chosen[:OF_DRIVE]
         # the prior's values are one draw: its own information stands for its score
-        by_prior = chosen[:OF_DRIVE].T @ self.prior.information @ chosen[:OF_DRIVE]
-        return chosen[:OF_DRIVE], spread.T @ spread * clusters / max(clusters - 1, 1) + by_prior
+        by_prior = modelled.T @ self.prior.information @ modelled
+        in_fact = np.square(spread).sum(axis=0) * clusters / max(clusters - 1, 1) + np.diag(by_prior)
+        larger = np.sqrt(np.maximum(in_fact / np.diag(modelled), 1.0))
+        return larger[:, None] * modelled * larger
 
     def _descend(self, state: DriveState, noise: Noise) -> DriveState:
-        damping = 1e-4
+        damping, cost = FIRST_DAMPING, self._cost(state, noise)
         system = self._system(state, noise)
         for _ in range(STEPS):
-            H = system.H.copy()
-            diagonal = np.arange(self._size)
-            H[diagonal, diagonal] *= 1.0 + damping
-            gradient = system.scores.sum(axis=0)
-            gradient[:OF_DRIVE] += self.prior.information @ self.prior.deviation(state)
-            step = -cho_solve(cho_factor(H), gradient)
-            points = point_steps(*system.whitened, step)
-            try:
-                moved = state.moved(step[:OF_DRIVE], step[OF_DRIVE:].reshape(-1, OF_KEYFRAME), points)
-                trial = self._system(moved, noise)
-            except (ValueError, np.linalg.LinAlgError):
-                trial = None
-            if trial is None or not trial.cost < system.cost:
+            moved = self._moved(state, system, damping)
+            moved_cost = math.inf if moved is None else self._cost(moved, noise)
+            if moved is None or not moved_cost < cost:
                 damping *= 30.0
-                if damping > 1e6:
-                    break
                 continue
-            decrease = system.cost - trial.cost
-            state, system, damping = moved, trial, max(0.1 * damping, 1e-9)
+            decrease, cost, state, damping = cost - moved_cost, moved_cost, moved, 0.1 * damping
             if decrease < SMALL:
                 break
+            system = self._system(state, noise)
         return state
+
+    def _moved(self, state: DriveState, system: _System, damping: float) -> Optional[DriveState]:
+        """The state after one step; None if that is no state."""
+        H = system.H.copy()
+        diagonal = np.arange(self._size)
+        H[diagonal, diagonal] *= 1.0 + damping
+        gradient = system.scores.sum(axis=0)
+        gradient[:OF_DRIVE] += self.prior.information @ self.prior.deviation(state)
+        try:
+            step = -cho_solve(cho_factor(H, overwrite_a=True), gradient)
+            points = point_steps(*system.whitened, step)
+            return state.moved(step[:OF_DRIVE], step[OF_DRIVE:].reshape(-1, OF_KEYFRAME), points)
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+
+    def _cost(self, state: DriveState, noise: Noise) -> float:
+        deviation = self.prior.deviation(state)
+        floor = floor_terms(state, noise.floor, OF_DRIVE).residual
+        of_known = 0.5 * float(np.square(floor).sum() + deviation @ self.prior.information @ deviation)
+        of_images = self._whitening(state, noise)[2] + self._points_alone(state, noise)[2]
+        return of_known + of_images + self._wheel_weights(state, noise)[1]
 
     def _system(self, state: DriveState, noise: Noise) -> _System:
         H = np.zeros((self._size, self._size))
         scores = np.zeros((int(self._cluster.max()) + 1, self._size))
-        residual, roots, cost = self._whitening(state, noise)
-        own, pull, of_points = self._points_alone(state, noise)
-        changes = SightingDerivatives(*(roots @ change for change in derivatives(state, self.tracks)))
+        residual, roots, _ = self._whitening(state, noise)
+        own, pull, _ = self._points_alone(state, noise)
+        changes = (roots @ change for change in derivatives(state, self.tracks))
         arguments = (self.tracks.first, self.tracks.host, self.tracks.target, OF_DRIVE, *changes, residual, own, pull)
         add_sightings(*arguments, self._cluster[self.tracks.host], H, scores)
-        floor = floor_terms(state, noise.floor, OF_DRIVE)
-        add_terms(floor, H, scores, self._cluster)
-        weights, of_wheels = self._wheel_weights(state, noise)
+        add_terms(floor_terms(state, noise.floor, OF_DRIVE), H, scores, self._cluster)
+        weights, _ = self._wheel_weights(state, noise)
         add_terms(self.wheels.terms(state, noise.wheels, weights, OF_DRIVE), H, scores, self._cluster)
-        deviation = self.prior.deviation(state)
         H[:OF_DRIVE, :OF_DRIVE] += self.prior.information
-        cost += of_points + 0.5 * float(np.square(floor.residual).sum()) + of_wheels
-        cost += 0.5 * float(deviation @ self.prior.information @ deviation)
         poses = np.arange(OF_DRIVE, self._size)
         H[poses, poses] += WEAK
         for keyframe in self._held:
             at = OF_DRIVE + OF_KEYFRAME * keyframe + np.array([0, 1, 5])
             H[at, at] += GAUGE
-        return _System(H, scores, arguments, cost)
+        return _System(H, scores, arguments)
 
     def _whitening(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, np.ndarray, float]:
         """Whitened residuals (M, 2), matrices (M, 2, 2) that whiten and weight, and the cost."""

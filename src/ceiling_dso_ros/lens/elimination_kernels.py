@@ -1,49 +1,97 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Normal equations of all sightings with the points eliminated (Schur complement), and the steps of the points."""
+"""Normal equations of all sightings with the points eliminated (Schur complement), and the steps of the points.
+
+The unknowns that the sightings of one point depend on are gathered in small arrays: lens and mount first, then the
+host's, then those of each target. All arrays are float64.
+"""
 
 from typing import Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.dso.compute.jit import kernel
+from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
 
 CAMERA, KEYFRAME, POINT = 12, 6, 3  # unknowns, as in `state`, whose module no kernel imports
+ALWAYS = CAMERA + KEYFRAME
+OF_SIGHTING = ALWAYS + KEYFRAME
+
+
+@kernel_inlined
+def _inverse(H: np.ndarray, result: np.ndarray) -> None:
+    """Inverse of a symmetric (3, 3) matrix."""
+    a, b, c, d, e, f = H[0, 0], H[0, 1], H[0, 2], H[1, 1], H[1, 2], H[2, 2]
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1.0 / (a * A + b * B + c * C)
+    result[0, 0], result[0, 1], result[0, 2] = A * scale, B * scale, C * scale
+    result[1, 1], result[1, 2], result[2, 2] = (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
+    result[1, 0], result[2, 0], result[2, 1] = result[0, 1], result[0, 2], result[1, 2]
 
 
 @kernel
-def _of_point(
-    p: int, first: np.ndarray, of_point: np.ndarray, residual: np.ndarray, own: np.ndarray, pull: np.ndarray
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Inverse (3, 3) of a point's information, and its gradient (3,)."""
-    H, b = own[p].copy(), pull[p].copy()
-    for m in range(first[p], first[p + 1]):
-        H += of_point[m].T @ of_point[m]
-        b += of_point[m].T @ residual[m]
-    return np.linalg.inv(H), b
+def _gather(
+    start: int, end: int, of_camera: np.ndarray, of_host: np.ndarray, of_target: np.ndarray, of_point: np.ndarray,
+    residual: np.ndarray, H: np.ndarray, g: np.ndarray, mixed: np.ndarray, own: np.ndarray, b: np.ndarray,
+    whole: bool,
+) -> int:  # fmt: skip
+    """Add the sightings of one point to its small arrays; returns how many unknowns they have.
+
+    Args:
+        start, end: of its sightings.
+        of_camera, of_host, of_target, of_point, residual: see `add_sightings`.
+        H, g: (n, n) lower half and (n,), set, if they are wanted.
+        mixed: (n, 3) with the point, set.
+        own, b: (3, 3) and (3,) of the point, changed.
+        whole: they are wanted.
+    """
+    size = ALWAYS + KEYFRAME * (end - start)
+    mixed[:size] = 0.0
+    if whole:
+        H[:size, :size] = 0.0
+        g[:size] = 0.0
+    row = np.empty(OF_SIGHTING)
+    for m in range(start, end):
+        at = KEYFRAME * (m - start)  # of this target's unknowns, behind ALWAYS
+        for axis in range(2):
+            r = residual[m, axis]
+            for k in range(CAMERA):
+                row[k] = of_camera[m, axis, k]
+            for k in range(KEYFRAME):
+                row[CAMERA + k] = of_host[m, axis, k]
+                row[ALWAYS + k] = of_target[m, axis, k]
+            for k in range(POINT):
+                b[k] += of_point[m, axis, k] * r
+                for n in range(POINT):
+                    own[k, n] += of_point[m, axis, k] * of_point[m, axis, n]
+            for i in range(OF_SIGHTING):
+                to = i if i < ALWAYS else at + i
+                value = row[i]
+                for k in range(POINT):
+                    mixed[to, k] += value * of_point[m, axis, k]
+                if whole:
+                    g[to] += value * r
+                    for j in range(min(i + 1, ALWAYS)):
+                        H[to, j] += value * row[j]
+                    for j in range(ALWAYS, i + 1):
+                        H[to, at + j] += value * row[j]
+    return size
+
+
+@kernel_inlined
+def _unknown(i: int, first: int, host: int, target: np.ndarray, offset: int) -> int:
+    """Number of an unknown of the small arrays among all unknowns."""
+    if i < CAMERA:
+        return i
+    if i < ALWAYS:
+        return offset + KEYFRAME * host + i - CAMERA
+    number = (i - ALWAYS) // KEYFRAME
+    return offset + KEYFRAME * target[first + number] + i - ALWAYS - KEYFRAME * number
 
 
 @kernel
-def _gathered(
-    p: int, first: np.ndarray, host: np.ndarray, target: np.ndarray, offset: int, of_camera: np.ndarray,
-    of_host: np.ndarray, of_target: np.ndarray, of_point: np.ndarray,
-) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Unknowns (n,) that the sightings of a point depend on, and their information with the point's, (n, 3)."""
-    count = first[p + 1] - first[p]
-    index = np.empty(CAMERA + KEYFRAME * (1 + count), np.int64)
-    mixed = np.zeros((index.size, POINT))
-    for k in range(CAMERA):
-        index[k] = k
-    for k in range(KEYFRAME):
-        index[CAMERA + k] = offset + KEYFRAME * host[p] + k
-    for n in range(count):
-        m = first[p] + n
-        at = CAMERA + KEYFRAME * (1 + n)
-        for k in range(KEYFRAME):
-            index[at + k] = offset + KEYFRAME * target[m] + k
-        mixed[:CAMERA] += of_camera[m].T @ of_point[m]
-        mixed[CAMERA : CAMERA + KEYFRAME] += of_host[m].T @ of_point[m]
-        mixed[at : at + KEYFRAME] = of_target[m].T @ of_point[m]
-    return index, mixed
+def _arrays(first: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Small arrays for the point with the most sightings."""
+    most = ALWAYS + KEYFRAME * np.max(np.diff(first))
+    return np.zeros((most, most)), np.zeros(most), np.zeros((most, POINT))
 
 
 @kernel
@@ -64,31 +112,28 @@ def add_sightings(
         H: (N, N) changed.
         scores: (C, N) changed; their sum is the gradient.
     """
+    small, g, mixed = _arrays(first)
+    index, weighted = np.empty(g.size, np.int64), np.empty((g.size, POINT))
+    inverse = np.empty((POINT, POINT))
     for p in range(first.size - 1):
-        inverse, b = _of_point(p, first, of_point, residual, own, pull)
-        index, mixed = _gathered(p, first, host, target, offset, of_camera, of_host, of_target, of_point)
-        n = index.size
+        own_p, b = own[p].copy(), pull[p].copy()
+        size = _gather(
+            first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, True
+        )
+        _inverse(own_p, inverse)
+        for i in range(size):
+            index[i] = _unknown(i, first[p], host[p], target, offset)
+            for k in range(POINT):
+                weighted[i, k] = mixed[i, 0] * inverse[0, k] + mixed[i, 1] * inverse[1, k] + mixed[i, 2] * inverse[2, k]
         score = scores[cluster[p]]
-        weighted = mixed @ inverse
-        for i in range(n):
-            score[index[i]] -= weighted[i, 0] * b[0] + weighted[i, 1] * b[1] + weighted[i, 2] * b[2]
-            for j in range(n):
-                H[index[i], index[j]] -= (
-                    weighted[i, 0] * mixed[j, 0] + weighted[i, 1] * mixed[j, 1] + weighted[i, 2] * mixed[j, 2]
-                )
-        row = np.empty(CAMERA + 2 * KEYFRAME)
-        for m in range(first[p], first[p + 1]):
-            at = CAMERA + KEYFRAME * (1 + m - first[p])
-            for axis in range(2):
-                row[:CAMERA] = of_camera[m, axis]
-                row[CAMERA : CAMERA + KEYFRAME] = of_host[m, axis]
-                row[CAMERA + KEYFRAME :] = of_target[m, axis]
-                for i in range(row.size):
-                    global_i = index[i] if i < CAMERA + KEYFRAME else index[at + i - CAMERA - KEYFRAME]
-                    score[global_i] += row[i] * residual[m, axis]
-                    for j in range(row.size):
-                        global_j = index[j] if j < CAMERA + KEYFRAME else index[at + j - CAMERA - KEYFRAME]
-                        H[global_i, global_j] += row[i] * row[j]
+        for i in range(size):
+            w0, w1, w2 = weighted[i, 0], weighted[i, 1], weighted[i, 2]
+            score[index[i]] += g[i] - (w0 * b[0] + w1 * b[1] + w2 * b[2])
+            for j in range(i):
+                value = small[i, j] - (w0 * mixed[j, 0] + w1 * mixed[j, 1] + w2 * mixed[j, 2])
+                H[index[i], index[j]] += value
+                H[index[j], index[i]] += value
+            H[index[i], index[i]] += small[i, i] - (w0 * mixed[i, 0] + w1 * mixed[i, 1] + w2 * mixed[i, 2])
 
 
 @kernel
@@ -99,11 +144,18 @@ def point_steps(
 ) -> np.ndarray:  # fmt: skip
     """(P, 3) steps of the points that belong to a step (N,) of all the others; arguments as of `add_sightings`."""
     result = np.zeros((first.size - 1, POINT))
+    small, g, mixed = _arrays(first)
+    inverse = np.empty((POINT, POINT))
     for p in range(first.size - 1):
-        inverse, b = _of_point(p, first, of_point, residual, own, pull)
-        index, mixed = _gathered(p, first, host, target, offset, of_camera, of_host, of_target, of_point)
-        for i in range(index.size):
+        own_p, b = own[p].copy(), pull[p].copy()
+        size = _gather(
+            first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, False
+        )
+        _inverse(own_p, inverse)
+        for i in range(size):
+            moved = step[_unknown(i, first[p], host[p], target, offset)]
             for k in range(POINT):
-                b[k] += mixed[i, k] * step[index[i]]
-        result[p] = -(inverse @ b)
+                b[k] += mixed[i, k] * moved
+        for k in range(POINT):
+            result[p, k] = -(inverse[k, 0] * b[0] + inverse[k, 1] * b[1] + inverse[k, 2] * b[2])
     return result

@@ -38,7 +38,6 @@ class FoundDrive:
     Attributes:
         state: the estimate.
         covariance: (15, 15) of the unknowns of the drive, in the order of `state`.
-        modelled: the same by the model of the noise alone.
         noise: of the drive.
         slips: times at which the wheels slipped, which are left out.
         pairs, left_out: how many pairs of keyframes were used, and how many were not.
@@ -46,7 +45,6 @@ class FoundDrive:
 
     state: DriveState
     covariance: np.ndarray
-    modelled: np.ndarray
     noise: Noise
     slips: Tuple[WheelSlip, ...]
     pairs: int
@@ -108,10 +106,10 @@ def find(
         adjustment.used = used
         state, noise = adjustment.solve(state, noise, ROUNDS)
     excess_m, _ = wheels.excess_m(state, 0.5 * known.wheel_base_m)
-    modelled, covariance = adjustment.covariance(state, noise)
+    covariance = adjustment.covariance(state, noise)
     count = int(np.count_nonzero(adjustment.used))
     named = described(wheels.pairs, slips, excess_m)
-    return FoundDrive(state, covariance, modelled, noise, named, count, len(slips) - count)
+    return FoundDrive(state, covariance, noise, named, count, len(slips) - count)
 
 
 def _wheel_pairs(keyframes: Sequence[SeenKeyframe], path: WheelPath) -> WheelPairs:

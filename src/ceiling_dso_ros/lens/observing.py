@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One pass of the odometry over a drive, with what the adjustment needs of it."""
+"""What the adjustment of a drive needs of the odometry: poses of the images, and keyframes with their images."""
 
-from typing import Dict, Iterable, Iterator, List, NamedTuple, Tuple
+from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.status import OdometryStatus
 from ceiling_dso_ros.fusion.calibration_data import CameraPose, camera_poses
 from ceiling_dso_ros.io.recording import Frame
@@ -21,24 +22,45 @@ class ObservedDrive(NamedTuple):
     keyframes: List[SeenKeyframe]
 
 
+class DriveObserver:
+    """Collects them while a drive is tracked."""
+
+    def __init__(self, camera: PinholeCamera, most_keyframes: Optional[int] = None) -> None:
+        """Begin.
+
+        Args:
+            camera: of the undistorted images.
+            most_keyframes: what comes after so many is not kept; None keeps all.
+        """
+        self._recorder = KeyframeRecorder(camera)
+        self._most = most_keyframes
+        self._statuses: List[OdometryStatus] = []
+        self._views: List[KeyframeView] = []
+        self._estimates: Dict[int, Tuple[int, np.ndarray]] = {}
+
+    def add(self, image: np.ndarray, status: OdometryStatus) -> None:
+        """Add an image, (height, width) float32 and undistorted, with its result."""
+        if self._most is not None and len(self._views) >= self._most:
+            return
+        self._statuses.append(status)
+        for keyframe in status.keyframes:
+            self._estimates[keyframe.keyframe_id] = keyframe.segment, keyframe.T_world_camera
+        self._views += self._recorder.add(image, status)
+
+    def drive(self) -> ObservedDrive:
+        """What was collected; keyframes that are still in the window are left out."""
+        views = sorted(self._views, key=lambda view: view.stamp_ns)
+        keyframes = [
+            SeenKeyframe(view.stamp_ns, *self._estimates[view.keyframe_id], view.image, view.camera, view.points)
+            for view in views
+        ]
+        return ObservedDrive(camera_poses(self._statuses), keyframes)
+
+
 def observe(visual: VisualRun, frames: Iterable[Frame]) -> ObservedDrive:
     """Track all images."""
-    recorder = KeyframeRecorder(visual.preprocess.camera)
-    views: List[KeyframeView] = []
-    estimates: Dict[int, Tuple[int, np.ndarray]] = {}
-
-    def statuses() -> Iterator[OdometryStatus]:
-        for frame in frames:
-            tracked = visual.track(frame.image, frame.stamp_ns, frame.exposure_ms)
-            for keyframe in tracked.status.keyframes:
-                estimates[keyframe.keyframe_id] = keyframe.segment, keyframe.T_world_camera
-            views.extend(recorder.add(tracked.image, tracked.status))
-            yield tracked.status
-
-    poses = camera_poses(statuses())
-    views.sort(key=lambda view: view.stamp_ns)
-    keyframes = [
-        SeenKeyframe(view.stamp_ns, *estimates[view.keyframe_id], view.image, view.camera, view.points)
-        for view in views
-    ]
-    return ObservedDrive(poses, keyframes)
+    observer = DriveObserver(visual.preprocess.camera)
+    for frame in frames:
+        tracked = visual.track(frame.image, frame.stamp_ns, frame.exposure_ms)
+        observer.add(tracked.image, tracked.status)
+    return observer.drive()

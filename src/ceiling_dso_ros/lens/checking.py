@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether a recording's calibration fits its images."""
+
+from typing import Optional, Sequence
+
+import numpy as np
+
+from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
+from ceiling_dso_ros.fusion.config import RobotModel
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
+from ceiling_dso_ros.io.lens_models import LensCamera
+from ceiling_dso_ros.lens.finding import FoundDrive, find
+from ceiling_dso_ros.lens.observing import ObservedDrive
+from ceiling_dso_ros.lens.parameters import correctable, names_of, pixels_of, rays_of, vector_of
+from ceiling_dso_ros.lens.state import LENS
+from ceiling_dso_ros.lens.tracks import follow
+
+MOST_KEYFRAMES = 120  # that are looked at: a minute of driving tells as much as an hour
+GATE = 5.0  # standard deviations, as of slips
+LEAST_PX = 0.5  # what a careful calibration is wrong by: less costs next to nothing
+GRID = 9  # points along each side of the image
+
+
+def lens_problem(
+    drive: ObservedDrive, steps: Sequence[WheelStep], robot: RobotModel, lens: LensCamera
+) -> Optional[str]:
+    """What does not fit, in one line; None if the lens fits or the drive does not tell.
+
+    Args:
+        drive: tracked with this lens.
+        steps: of the wheels.
+        robot: as it is known.
+        lens: the recording's.
+    """
+    try:
+        guess = calibrate(steps, drive.poses, robot).robot
+        found = find(drive.keyframes, follow(drive.keyframes, lens), steps, robot, guess, lens, lens)
+    except (CalibrationError, np.linalg.LinAlgError):
+        return None
+    change = vector_of(found.state.lens) - vector_of(correctable(lens))
+    sigmas = np.sqrt(np.diag(found.covariance)[LENS])
+    wrong = np.abs(change) > GATE * sigmas
+    if not wrong.any() or _apart_px(found, lens) < LEAST_PX:
+        return None
+    parts = [
+        f"{name} {value:+.2g} +- {sigma:.1g}"
+        for name, value, sigma, is_wrong in zip(names_of(lens), change, sigmas, wrong)
+        if is_wrong
+    ]
+    return (
+        f"the camera's calibration does not fit its images; they tell {', '.join(parts)} beside it: `calibrate` "
+        "finds the lens together with the mounting"
+    )
+
+
+def _apart_px(found: FoundDrive, lens: LensCamera) -> float:
+    """Root mean square distance over the image between what both lenses show of a direction, pixels."""
+    u, v = np.meshgrid(np.linspace(0, lens.width - 1, GRID), np.linspace(0, lens.height - 1, GRID))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    guess = (pixels - [lens.cx, lens.cy]) / [lens.fx, lens.fy]
+    rays = rays_of(lens, pixels, guess)
+    change = pixels_of(found.state.lens, rays) - pixels
+    return float(np.sqrt(np.mean(np.square(change).sum(axis=1))))
