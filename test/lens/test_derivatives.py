@@ -123,7 +123,7 @@ def test_floor_and_wheels(drive, state, what):
 
     terms = terms_of(state)
     dense = np.zeros((*terms.residual.shape, OF_DRIVE + 6 * len(state.T_world_base)))
-    for n, index in enumerate(terms.index):
+    for n, index in enumerate(terms.unknowns):
         dense[n][:, index] = terms.derivative[n]
     for number in (*range(OF_DRIVE), *range(OF_DRIVE + 6, OF_DRIVE + 24)):
         expected = numeric(lambda state: terms_of(state).residual, state, number)

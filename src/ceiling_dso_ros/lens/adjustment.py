@@ -151,7 +151,7 @@ class Adjustment:
         gradient[:OF_DRIVE] += self.prior.information @ self.prior.deviation(state)
         try:
             step = -cho_solve(cho_factor(H, overwrite_a=True), gradient)
-            points = point_steps(*system.whitened, step)
+            points = point_steps(*system.whitened, step=step)
             return state.moved(step[:OF_DRIVE], step[OF_DRIVE:].reshape(-1, OF_KEYFRAME), points)
         except (ValueError, np.linalg.LinAlgError):
             return None
@@ -169,8 +169,17 @@ class Adjustment:
         residual, roots, _ = self._whitening(state, noise)
         own, pull, _ = self._points_alone(state, noise)
         changes = (roots @ change for change in derivatives(state, self.tracks))
-        arguments = (self.tracks.first, self.tracks.host, self.tracks.target, OF_DRIVE, *changes, residual, own, pull)
-        add_sightings(*arguments, self._cluster[self.tracks.host], H, scores)
+        arguments: Tuple[Any, ...] = (
+            self.tracks.first,
+            self.tracks.host,
+            self.tracks.target,
+            OF_DRIVE,
+            *changes,
+            residual,
+            own,
+            pull,
+        )
+        add_sightings(*arguments, cluster=self._cluster[self.tracks.host], H=H, scores=scores)
         add_terms(floor_terms(state, noise.floor, OF_DRIVE), H, scores, self._cluster)
         weights, _ = self._wheel_weights(state, noise)
         add_terms(self.wheels.terms(state, noise.wheels, weights, OF_DRIVE), H, scores, self._cluster)
@@ -210,7 +219,7 @@ class Adjustment:
         system = self._system(state, noise)
         inverse = np.linalg.inv(system.H)
         floor = floor_terms(state, np.ones(3), OF_DRIVE)
-        blocks = inverse[floor.index[:, :, None], floor.index[:, None, :]]
+        blocks = inverse[floor.unknowns[:, :, None], floor.unknowns[:, None, :]]
         unsure = np.einsum("nki,nij,nkj->k", floor.derivative, blocks, floor.derivative) / len(blocks)
         rough = np.sqrt(np.mean(np.square(roughness(state.T_world_base)), axis=0) + unsure)
         of_wheels = self.wheels.residuals(state)[self.used]

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Calibration of camera and robot from one drive: passes of the odometry, each in the lens that the last one found."""
 
-import math
 from dataclasses import dataclass
-from typing import Callable, Sequence, Tuple
+from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
 
@@ -55,15 +54,15 @@ def calibrate_all(
     Raises:
         CalibrationError: too little to see, or too little motion.
     """
-    current, found, passes, change = camera, None, 0, math.inf
-    while passes < PASSES and change > SMALL_CHANGE:
+    current = camera
+    results: List[FoundDrive] = []
+    while len(results) < PASSES and (len(results) < 2 or _change(*results[-2:]) > SMALL_CHANGE):
         drive = observe(current)
         guess = calibrate(steps, drive.poses, robot).robot
         tracks = follow(drive.keyframes, current.lens)
-        before, found = found, find(drive.keyframes, tracks, steps, robot, guess, camera.lens, current.lens)
-        current = _corrected(found, camera)
-        passes, change = passes + 1, math.inf if before is None else _change(before, found)
-    return _described(found, camera, current, robot, passes)
+        results.append(find(drive.keyframes, tracks, steps, robot, guess, camera.lens, current.lens))
+        current = _corrected(results[-1], camera)
+    return _described(results[-1], camera, current, robot, len(results))
 
 
 def _corrected(found: FoundDrive, camera: CameraCalibration) -> CameraCalibration:

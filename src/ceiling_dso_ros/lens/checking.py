@@ -5,20 +5,44 @@ from typing import Optional, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
-from ceiling_dso_ros.fusion.config import RobotModel
+from ceiling_dso_ros.fusion.config import RobotModel, WheelConfig
+from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.io.lens_models import LensCamera
+from ceiling_dso_ros.io.recording import Recording
 from ceiling_dso_ros.lens.finding import FoundDrive, find
-from ceiling_dso_ros.lens.observing import ObservedDrive
+from ceiling_dso_ros.lens.observing import DriveObserver, ObservedDrive
 from ceiling_dso_ros.lens.parameters import correctable, names_of, pixels_of, rays_of, vector_of
 from ceiling_dso_ros.lens.state import LENS
 from ceiling_dso_ros.lens.tracks import follow
+from ceiling_dso_ros.playback.fusion_playback import robot_model
+from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
 MOST_KEYFRAMES = 120  # that are looked at: a minute of driving tells as much as an hour
 GATE = 5.0  # standard deviations, as of slips
 LEAST_PX = 0.5  # what a careful calibration is wrong by: less costs next to nothing
 GRID = 9  # points along each side of the image
+
+
+class LensCheck:
+    """Watches a run and says whether the camera's calibration fits. Needs wheels."""
+
+    def __init__(self, recording: Recording, camera: PinholeCamera) -> None:
+        """Begin; the camera is that of the undistorted images."""
+        self._recording = recording
+        self._observer = DriveObserver(camera, MOST_KEYFRAMES)
+        self.add = self._observer.add
+
+    def problem(self) -> Optional[str]:
+        """What does not fit, in one line; None if the lens fits or the drive does not tell."""
+        wheels, description = self._recording.wheels, self._recording.robot
+        if wheels is None or description is None:
+            return None
+        robot = robot_model(description)
+        steps = list(wheel_steps(wheels, WheelOdometry(robot, WheelConfig())))
+        return lens_problem(self._observer.drive(), steps, robot, self._recording.calibration.lens)
 
 
 def lens_problem(

@@ -3,7 +3,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -138,7 +138,7 @@ def _first_state(
     typical = float(np.median(list(scales.values())))
     back = np.linalg.inv(mount)
     poses: List[np.ndarray] = []
-    origin = {}
+    origin: Dict[int, np.ndarray] = {}
     for keyframe in keyframes:
         moved = np.linalg.inv(origin.setdefault(keyframe.segment, keyframe.T_world_camera)) @ keyframe.T_world_camera
         moved[:3, 3] *= scales.get(keyframe.segment, typical)
@@ -150,7 +150,7 @@ def _first_state(
     )
 
 
-def _scales(pairs: Sequence[ImagePair], motions: np.ndarray, mount: np.ndarray) -> dict:
+def _scales(pairs: Sequence[ImagePair], motions: np.ndarray, mount: np.ndarray) -> Dict[int, float]:
     """Metres per VO unit of each segment: the median over pairs that move the camera."""
     lever = mount[:2, 3]
     c, s = np.cos(motions[:, 2]), np.sin(motions[:, 2])

@@ -19,13 +19,13 @@ class Terms(NamedTuple):
 
     Attributes:
         residual: (n, 3).
-        index: (n, k) int64 unknowns that they depend on.
+        unknowns: (n, k) int64 unknowns that they depend on.
         derivative: (n, 3, k).
         time: (n,) int64 keyframe to which each belongs.
     """
 
     residual: np.ndarray
-    index: np.ndarray
+    unknowns: np.ndarray
     derivative: np.ndarray
     time: np.ndarray
 
@@ -123,6 +123,6 @@ class WheelPairs:
 def add_terms(terms: Terms, H: np.ndarray, scores: np.ndarray, cluster: np.ndarray) -> None:
     """Add to the normal equations; H (N, N) and scores (C, N) are changed, cluster (K,) is that of each keyframe."""
     products = np.einsum("nki,nkj->nij", terms.derivative, terms.derivative)
-    np.add.at(H, (terms.index[:, :, None], terms.index[:, None, :]), products)
+    np.add.at(H, (terms.unknowns[:, :, None], terms.unknowns[:, None, :]), products)
     gradients = np.einsum("nki,nk->ni", terms.derivative, terms.residual)
-    np.add.at(scores, (cluster[terms.time][:, None], terms.index), gradients)
+    np.add.at(scores, (cluster[terms.time][:, None], terms.unknowns), gradients)

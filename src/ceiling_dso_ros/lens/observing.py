@@ -32,7 +32,7 @@ class DriveObserver:
             camera: of the undistorted images.
             most_keyframes: what comes after so many is not kept; None keeps all.
         """
-        self._recorder = KeyframeRecorder(camera)
+        self._recorder: Optional[KeyframeRecorder] = KeyframeRecorder(camera)
         self._most = most_keyframes
         self._statuses: List[OdometryStatus] = []
         self._views: List[KeyframeView] = []
@@ -40,12 +40,14 @@ class DriveObserver:
 
     def add(self, image: np.ndarray, status: OdometryStatus) -> None:
         """Add an image, (height, width) float32 and undistorted, with its result."""
-        if self._most is not None and len(self._views) >= self._most:
+        if self._recorder is None:
             return
         self._statuses.append(status)
         for keyframe in status.keyframes:
             self._estimates[keyframe.keyframe_id] = keyframe.segment, keyframe.T_world_camera
         self._views += self._recorder.add(image, status)
+        if self._most is not None and len(self._views) >= self._most:
+            self._recorder = None  # and its images
 
     def drive(self) -> ObservedDrive:
         """What was collected; keyframes that are still in the window are left out."""

@@ -223,9 +223,18 @@ def _joined(parts: Sequence[Tracks]) -> Tracks:
         )
     starts = np.cumsum([0, *(part.first[-1] for part in parts)])
     first = np.concatenate([*(part.first[:-1] + start for part, start in zip(parts, starts)), starts[-1:]])
-    names = ("host", "host_ray", "host_pixel", "host_information", "idepth")
-    of_points = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
-    of_sightings = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("target", "pixel", "information")
+
+    def all_of(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return Tracks(
+        host=all_of("host"),
+        host_ray=all_of("host_ray"),
+        host_pixel=all_of("host_pixel"),
+        host_information=all_of("host_information"),
+        idepth=all_of("idepth"),
+        first=first,
+        target=all_of("target"),
+        pixel=all_of("pixel"),
+        information=all_of("information"),
     )
-    return Tracks(*of_points, first, *of_sightings)

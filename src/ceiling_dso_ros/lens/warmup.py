@@ -3,7 +3,7 @@
 
 import sys
 from pathlib import Path
-from typing import Callable, Optional
+from typing import Any, Callable, Optional, Tuple
 
 import numpy as np
 
@@ -17,24 +17,23 @@ from ceiling_dso_ros.lens.patch_kernels import align_patches
 from ceiling_dso_ros.lens.tracks import SeenKeyframe, follow
 
 CAMERA_SEEN = PinholeCamera(100.0, 100.0, 79.5, 59.5, 160, 120)
+LENS = LensCamera("Pinhole", 100.0, 100.0, 79.5, 59.5, (), 160, 120)
 STEP = 0.02  # depths
 
 
 def warm_up() -> bool:
     """Follow the corners of a plane and set up the equations; returns whether any was found."""
-    tracks = follow(
-        (_keyframe(number) for number in range(2)), LensCamera("Pinhole", *CAMERA_SEEN.parameters, (), 160, 120)
-    )
+    tracks = follow((_keyframe(number) for number in range(2)), LENS)
     sightings = len(tracks.target)
     derivatives = (np.ones((sightings, 2, size)) for size in (CAMERA, KEYFRAME, KEYFRAME, 3))
     points = len(tracks.host)
-    arguments = (
+    arguments: Tuple[Any, ...] = (
         *(tracks.first, tracks.host, tracks.target, CAMERA, *derivatives, np.ones((sightings, 2))),
         *(np.tile(np.eye(3), (points, 1, 1)), np.zeros((points, 3))),
     )
     size = CAMERA + 2 * KEYFRAME
-    add_sightings(*arguments, np.zeros(points, np.int64), np.zeros((size, size)), np.zeros((1, size)))
-    return sightings > 0 and bool(np.isfinite(point_steps(*arguments, np.ones(size))).all())
+    add_sightings(*arguments, cluster=np.zeros(points, np.int64), H=np.zeros((size, size)), scores=np.zeros((1, size)))
+    return sightings > 0 and bool(np.isfinite(point_steps(*arguments, step=np.ones(size))).all())
 
 
 def _keyframe(number: int) -> SeenKeyframe:
