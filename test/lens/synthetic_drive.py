@@ -62,7 +62,7 @@ def rough_poses(path, rng, tilt_rad=1e-3, height_m=3e-4):
     return poses
 
 
-def synthetic_drive(seed, duration_s=24.0, lens=LENS, noise_px=NOISE_PX, offset_s=0.0):
+def synthetic_drive(seed, duration_s=24.0, lens=LENS, noise_px=NOISE_PX, offset_s=0.0, slip_m=0.0):
     """A drive; camera stamps are early by offset_s, so that this is the camera's time offset."""
     rng = np.random.default_rng(seed)
     times = np.arange(0.5, duration_s - 0.5, 0.25)
@@ -73,7 +73,7 @@ def synthetic_drive(seed, duration_s=24.0, lens=LENS, noise_px=NOISE_PX, offset_
     in_units[:, :3, 3] /= UNIT_M
     keyframes = [SeenKeyframe(stamp, 0, T, None, None, np.zeros((0, 3))) for stamp, T in zip(stamps, in_units)]
     return SyntheticDrive(
-        keyframes, _tracks(rng, cameras, lens, noise_px), _steps(rng, duration_s), poses, T_base_camera, lens
+        keyframes, _tracks(rng, cameras, lens, noise_px), _steps(rng, duration_s, slip_m), poses, T_base_camera, lens
     )
 
 
@@ -112,7 +112,7 @@ def _tracks(rng, cameras, lens, noise_px):
     )  # fmt: skip
 
 
-def _steps(rng, duration_s, noise_m=1e-4):
+def _steps(rng, duration_s, slip_m, noise_m=1e-4):
     """Of wheels with the nominal dimensions."""
     times = np.arange(0.0, duration_s, 1.0 / WHEEL_HZ)
     path = path_at(times)
@@ -121,6 +121,8 @@ def _steps(rng, duration_s, noise_m=1e-4):
     half = 0.5 * ROBOT.wheel_base_m * moved[:, 2]
     wheels = np.column_stack([forward - half, forward + half])
     wheels += rng.normal(0.0, 1.0, wheels.shape) * noise_m * np.sqrt(np.abs(wheels))
+    middle = len(wheels) // 2
+    wheels[middle : middle + 10, 0] += slip_m / 10  # the left one turns further
     angles = np.vstack([np.zeros(2), np.cumsum(wheels, axis=0)]) / 0.098
     odometry = WheelOdometry(ROBOT, WheelConfig())
     steps = (odometry.add_angles(START_NS + int(1e9 * t), *angle) for t, angle in zip(times, angles.tolist()))

@@ -6,7 +6,14 @@ from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.fusion.calibration import CalibratedValue, Calibration, applied, calibrate, described_values
+from ceiling_dso_ros.fusion.calibration import (
+    CalibratedValue,
+    Calibration,
+    CalibrationError,
+    applied,
+    calibrate,
+    described_values,
+)
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.io.camera_models import CameraCalibration
@@ -66,7 +73,11 @@ def calibrate_all(
 
 
 def _corrected(found: FoundDrive, camera: CameraCalibration) -> CameraCalibration:
-    return CameraCalibration(found.state.lens, crop_camera(found.state.lens, camera.camera.width, camera.camera.height))
+    lens = found.state.lens
+    try:
+        return CameraCalibration(lens, crop_camera(lens, camera.camera.width, camera.camera.height))
+    except ValueError as error:
+        raise CalibrationError(f"the images do not tell the lens ({error}); --keep-lens leaves it as it is") from error
 
 
 def _change(before: FoundDrive, found: FoundDrive) -> float:

@@ -59,8 +59,13 @@ def lens_problem(
     try:
         guess = calibrate(steps, drive.poses, robot).robot
         found = find(drive.keyframes, follow(drive.keyframes, lens), steps, robot, guess, lens, lens)
-    except (CalibrationError, np.linalg.LinAlgError):
+    except CalibrationError:
         return None
+    return misfit(found, lens)
+
+
+def misfit(found: FoundDrive, lens: LensCamera) -> Optional[str]:
+    """In what a lens does not fit what was found, in one line; None if it does, or if it makes no difference."""
     change = vector_of(found.state.lens) - vector_of(correctable(lens))
     sigmas = np.sqrt(np.diag(found.covariance)[LENS])
     wrong = np.abs(change) > GATE * sigmas

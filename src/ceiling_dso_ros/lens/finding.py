@@ -71,7 +71,8 @@ def find(
     """
     if len(keyframes) < LEAST_KEYFRAMES or len(tracks.host) < LEAST_KEYFRAMES:
         raise CalibrationError(
-            f"only {len(keyframes)} keyframes with {len(tracks.host)} corners: drive for longer, or add light"
+            f"only {len(keyframes)} keyframes with {len(tracks.host)} corners are seen: drive for longer, "
+            "add light, or leave the lens as it is with --keep-lens"
         )
     path = WheelPath(steps, known.wheel_base_m)
     wheels = _wheel_pairs(keyframes, path)
@@ -79,14 +80,23 @@ def find(
         raise CalibrationError(
             f"only {len(wheels.pairs)} pairs of keyframes with motion between them: drive for longer"
         )
+    try:
+        return _adjusted(keyframes, tracks, wheels, known, guess, known_lens, guess_lens)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(f"the images do not tell the lens ({error}); --keep-lens leaves it as it is") from error
+
+
+def _adjusted(
+    keyframes: Sequence[SeenKeyframe], tracks: Tracks, wheels: WheelPairs, known: RobotModel, guess: RobotModel,
+    known_lens: LensCamera, guess_lens: LensCamera,
+) -> FoundDrive:  # fmt: skip
     state = _first_state(keyframes, tracks, wheels, known, guess, guess_lens)
-    prior = prior_of(known, known_lens)
     adjustment = Adjustment(
         tracks,
         np.array([keyframe.stamp_ns for keyframe in keyframes], np.int64),
         np.array([keyframe.segment for keyframe in keyframes], np.int64),
         wheels,
-        prior,
+        prior_of(known, known_lens),
         state.idepth,
     )
     state, noise = adjustment.solve(state, first_noise(), FIRST_ROUNDS)

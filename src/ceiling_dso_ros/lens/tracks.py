@@ -21,7 +21,7 @@ from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.lens.parameters import pixels_of
 from ceiling_dso_ros.lens.patch_kernels import RADIUS, align_patches
 
-CORNERS = 120  # of a keyframe
+CORNERS = 60  # of a keyframe
 QUALITY = 0.01  # of a corner, relative to the best one of the image
 SPREAD = 32  # corners are at least the image's width over this apart
 BORDER_PX = RADIUS + 4
