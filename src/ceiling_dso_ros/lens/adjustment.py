@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.dso.durations import seconds
-from ceiling_dso_ros.lens.elimination_kernels import add_sightings, point_steps
+from ceiling_dso_ros.lens.elimination_kernels import add_sightings, point_steps, sighting_scores
 from ceiling_dso_ros.lens.floor import WheelPairs, add_terms, floor_terms, roughness
 from ceiling_dso_ros.lens.parameters import vector_of
 from ceiling_dso_ros.lens.sightings import derivatives, residuals
@@ -28,9 +28,12 @@ IDEPTH_SLACK = 0.5  # relative to the first guess, for points that nothing else 
 GAUGE = 1e12  # information of where each segment begins
 WEAK = 1e-2  # information that keeps keyframes without sightings solvable
 CLUSTER_S = 2.0  # errors of sightings that are closer in time may have the same cause
+LAGS = 3  # neighbours of such a stretch whose errors may still have the same cause
+PARTS = (6, 4)  # of the image, across and down
 FIRST_FLOOR = np.array([2e-3, 3e-3, 3e-3])  # m, rad, rad
 LEAST_FLOOR = np.array([2e-5, 2e-5, 2e-5])
-FIRST_WHEELS = np.array([2e-3, 2e-3, 2e-3])  # m, m, rad for each pair
+# m, m, rad for each pair: as of good wheels, because from too large a value the noise is not found
+FIRST_WHEELS = np.array([2e-4, 2e-4, 2e-4])
 LEAST_WHEELS = np.array([5e-5, 5e-5, 5e-5])
 STEPS = 8  # of Gauss-Newton for each estimate of the noise
 SMALL = 0.02  # decrease of the cost by a step, which is that of half a square of a standard deviation: no more steps
@@ -113,19 +116,27 @@ class Adjustment:
         """(15, 15) covariance of the unknowns of the drive.
 
         It is that of the model of the noise, with each standard deviation as large as errors have in fact where that is
-        more (sandwich): gradients of all that happened within CLUSTER_S are added up, so that errors which are close to
-        each other may have the same cause. The correlations are those of the model, because there are few clusters.
+        more (sandwich). Errors that are close to each other, in time or in the image, may have the same cause: so the
+        gradients of all that happened within CLUSTER_S are added up, and those of all that was seen in a part of the
+        image, where a lens may be other than its model. The correlations stay those of the model, because there are few
+        such groups.
         """
         system = self._system(state, noise)
         chosen = cho_solve(cho_factor(system.H), np.eye(self._size)[:, :OF_DRIVE])
-        spread = system.scores @ chosen
-        clusters = len(spread)
+        of_parts = np.zeros((PARTS[0] * PARTS[1], self._size))
+        sighting_scores(*system.whitened, group=self._part_of_image(state), scores=of_parts)
+        in_fact = np.maximum(_variance_of_sum(system.scores @ chosen, LAGS), _variance_of_sum(of_parts @ chosen, 0))
         modelled = chosen[:OF_DRIVE]
         # the prior's values are one draw: its own information stands for its score
-        by_prior = modelled.T @ self.prior.information @ modelled
-        in_fact = np.square(spread).sum(axis=0) * clusters / max(clusters - 1, 1) + np.diag(by_prior)
+        in_fact += np.diag(modelled.T @ self.prior.information @ modelled)
         larger = np.sqrt(np.maximum(in_fact / np.diag(modelled), 1.0))
         return larger[:, None] * modelled * larger
+
+    def _part_of_image(self, state: DriveState) -> np.ndarray:
+        """(M,) in which part of the image each sighting is."""
+        size = np.array([state.lens.width, state.lens.height])
+        column, row = np.clip(self.tracks.pixel / size * PARTS, 0, np.array(PARTS) - 1).astype(np.int64).T
+        return row * PARTS[0] + column
 
     def _descend(self, state: DriveState, noise: Noise) -> DriveState:
         damping, cost = FIRST_DAMPING, self._cost(state, noise)
@@ -231,6 +242,17 @@ class Adjustment:
         sightings, points = len(self.tracks.target), len(self.tracks.host)
         factor /= np.sqrt((2 * sightings - points) / (2 * sightings + 2 * points))  # each point takes three of them
         return Noise(np.maximum(rough, LEAST_FLOOR), np.maximum(scatter, LEAST_WHEELS), float(factor))
+
+
+def _variance_of_sum(scores: np.ndarray, lags: int) -> np.ndarray:
+    """Variance of the sum of rows (G, n) that are related to so many neighbours (Newey and West, 1987), (n,)."""
+    count = len(scores)
+    lags = min(lags, count - 2)
+    result = np.square(scores).sum(axis=0)
+    for lag in range(1, lags + 1):
+        related = 2.0 * (scores[lag:] * scores[:-lag]).sum(axis=0)
+        result = result + (1.0 - lag / (lags + 1.0)) * related
+    return np.maximum(result, 0.0) * count / max(count - 1 - lags, 1)
 
 
 def _softened(information: np.ndarray) -> np.ndarray:

@@ -159,3 +159,42 @@ def point_steps(
         for k in range(POINT):
             result[p, k] = -(inverse[k, 0] * b[0] + inverse[k, 1] * b[1] + inverse[k, 2] * b[2])
     return result
+
+
+@kernel
+def sighting_scores(
+    first: np.ndarray, host: np.ndarray, target: np.ndarray, offset: int, of_camera: np.ndarray, of_host: np.ndarray,
+    of_target: np.ndarray, of_point: np.ndarray, residual: np.ndarray, own: np.ndarray, pull: np.ndarray,
+    group: np.ndarray, scores: np.ndarray,
+) -> None:  # fmt: skip
+    """Add the gradient of each sighting, with its point eliminated, to a row of its own group.
+
+    Args:
+        group: (M,) row of each sighting.
+        scores: (G, N) changed.
+        first, host, target, offset, of_camera, of_host, of_target, of_point, residual, own, pull: see `add_sightings`.
+    """
+    small, g, mixed = _arrays(first)
+    inverse = np.empty((POINT, POINT))
+    for p in range(first.size - 1):
+        own_p, b = own[p].copy(), pull[p].copy()
+        size = _gather(
+            first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, False
+        )
+        _inverse(own_p, inverse)
+        for m in range(first[p], first[p + 1]):
+            score = scores[group[m]]
+            for k in range(POINT):
+                b[k] = of_point[m, 0, k] * residual[m, 0] + of_point[m, 1, k] * residual[m, 1]
+            x = inverse @ b
+            for i in range(size):
+                score[_unknown(i, first[p], host[p], target, offset)] -= (
+                    mixed[i, 0] * x[0] + mixed[i, 1] * x[1] + mixed[i, 2] * x[2]
+                )
+            for axis in range(2):
+                r = residual[m, axis]
+                for k in range(CAMERA):
+                    score[k] += of_camera[m, axis, k] * r
+                for k in range(KEYFRAME):
+                    score[offset + KEYFRAME * host[p] + k] += of_host[m, axis, k] * r
+                    score[offset + KEYFRAME * target[m] + k] += of_target[m, axis, k] * r

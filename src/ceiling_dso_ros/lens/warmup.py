@@ -12,7 +12,7 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.warmup import textured_plane
 from ceiling_dso_ros.io.lens_models import LensCamera
-from ceiling_dso_ros.lens.elimination_kernels import CAMERA, KEYFRAME, add_sightings, point_steps
+from ceiling_dso_ros.lens.elimination_kernels import CAMERA, KEYFRAME, add_sightings, point_steps, sighting_scores
 from ceiling_dso_ros.lens.patch_kernels import align_patches
 from ceiling_dso_ros.lens.tracks import SeenKeyframe, follow
 
@@ -33,6 +33,7 @@ def warm_up() -> bool:
     )
     size = CAMERA + 2 * KEYFRAME
     add_sightings(*arguments, cluster=np.zeros(points, np.int64), H=np.zeros((size, size)), scores=np.zeros((1, size)))
+    sighting_scores(*arguments, group=np.zeros(sightings, np.int64), scores=np.zeros((1, size)))
     return sightings > 0 and bool(np.isfinite(point_steps(*arguments, step=np.ones(size))).all())
 
 
