@@ -23,7 +23,7 @@ from ceiling_dso_ros.lens.tracks import SeenKeyframe, Tracks
 
 # Standard deviations of what is known of a lens before: of cameras of a kind, and of one that was calibrated once.
 FOCAL_SIGMA, ASPECT_SIGMA = 0.02, 0.005  # relative: both focal lengths together, and each alone
-CENTRE_SIGMA = 0.025  # of the image's width
+CENTRE_SIGMA = 0.006  # of the image's width: 5 pixels of 848
 RADIAL_SIGMA = 0.1
 # The base may shake about any axis, not only about base_link. How far the camera is above it is not known better.
 SHAKING_SIGMA_M = 0.3
