@@ -26,7 +26,7 @@ from ceiling_dso_ros.lens.tracks import follow
 
 PASSES = 4
 SMALL_CHANGE = 1.0  # standard deviations: other images of the same drive would change as much
-TOLD_SHARE = 0.5  # of the standard deviation before: above it, the value is not told by the drive
+TOLD_SHARE = 0.3  # of the standard deviation before: above it, the value is not told by the drive
 
 
 @dataclass(frozen=True)

@@ -94,22 +94,23 @@ class _Sightings(NamedTuple):
     own: np.ndarray  # (n, 2, 2)
 
 
-def follow(keyframes: Iterable[SeenKeyframe], lens: LensCamera) -> Tracks:
+def follow(keyframes: Iterable[SeenKeyframe], lens: LensCamera, corners: int = CORNERS) -> Tracks:
     """Find corners in all keyframes and follow them.
 
     Args:
         keyframes: in order. They are taken one by one, and TARGETS of them are kept.
         lens: with which their images were undistorted.
+        corners: at most so many of each keyframe.
     """
     waiting: Deque[Tuple[int, SeenKeyframe, np.ndarray]] = deque()
     parts: List[Tracks] = []
     for number, keyframe in enumerate(keyframes):
         waiting.append((number, keyframe, _flat(keyframe)))
         if len(waiting) > TARGETS:
-            parts += _of_host(waiting, lens)
+            parts += _of_host(waiting, lens, corners)
             waiting.popleft()
     while waiting:
-        parts += _of_host(waiting, lens)
+        parts += _of_host(waiting, lens, corners)
         waiting.popleft()
     return _joined(parts)
 
@@ -118,9 +119,9 @@ def _flat(keyframe: SeenKeyframe) -> np.ndarray:
     return np.ascontiguousarray(keyframe.image, np.float32).ravel()
 
 
-def _of_host(waiting: Sequence[Tuple[int, SeenKeyframe, np.ndarray]], lens: LensCamera) -> List[Tracks]:
+def _of_host(waiting: Sequence[Tuple[int, SeenKeyframe, np.ndarray]], lens: LensCamera, most: int) -> List[Tracks]:
     number, host, flat = waiting[0]
-    corners, idepth = _corners(host)
+    corners, idepth = _corners(host, most)
     if not len(corners):
         return []
     height, width = host.image.shape
@@ -141,14 +142,12 @@ def _of_host(waiting: Sequence[Tuple[int, SeenKeyframe, np.ndarray]], lens: Lens
     return [] if not found else [_tracks(number, host, corners, idepth, found, lens)]
 
 
-def _corners(keyframe: SeenKeyframe) -> Tuple[np.ndarray, np.ndarray]:
+def _corners(keyframe: SeenKeyframe, most: int) -> Tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) int64 of corners, and their inverse depths (n,) by the nearest points of the map."""
     height, width = keyframe.image.shape
     mask = np.zeros((height, width), np.uint8)
     mask[BORDER_PX : height - BORDER_PX, BORDER_PX : width - BORDER_PX] = 1
-    found = cv2.goodFeaturesToTrack(
-        keyframe.image, CORNERS, QUALITY, width / SPREAD, mask=mask, blockSize=2 * RADIUS + 1
-    )
+    found = cv2.goodFeaturesToTrack(keyframe.image, most, QUALITY, width / SPREAD, mask=mask, blockSize=2 * RADIUS + 1)
     if found is None or len(keyframe.points) < NEIGHBOURS:
         return np.zeros((0, 2), np.int64), np.zeros(0)
     corners = np.rint(found.reshape(-1, 2)).astype(np.int64)
