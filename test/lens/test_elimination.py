@@ -60,8 +60,7 @@ def test_steps_of_the_points(problem):
 
 
 def test_gradients_of_sightings_are_parts_of_the_whole(problem):
-    without_pull = (*problem[:-1], np.zeros((POINTS, 3)))
     whole, parts = np.zeros((1, SIZE)), np.zeros((3, SIZE))
-    add_sightings(*without_pull, cluster=np.zeros(POINTS, np.int64), H=np.zeros((SIZE, SIZE)), scores=whole)
-    sighting_scores(*problem, group=np.array([0, 1, 2, 0, 1, 2]), scores=parts)
+    add_sightings(*problem, cluster=np.zeros(POINTS, np.int64), H=np.zeros((SIZE, SIZE)), scores=whole)
+    sighting_scores(*problem, group=np.array([0, 1, 2, 0, 1, 2]), host_group=np.array([2, 0, 1]), scores=parts)
     np.testing.assert_allclose(parts.sum(axis=0), whole[0], atol=1e-10)

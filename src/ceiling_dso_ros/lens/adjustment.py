@@ -30,6 +30,7 @@ WEAK = 1e-2  # information that keeps keyframes without sightings solvable
 CLUSTER_S = 2.0  # errors of sightings that are closer in time may have the same cause
 LAGS = 3  # neighbours of such a stretch whose errors may still have the same cause
 PARTS = (6, 4)  # of the image, across and down
+PART_SHIFT = 7e-5  # of the image's width: by so much a lens may be other than its model in each part of the image
 FIRST_FLOOR = np.array([2e-3, 3e-3, 3e-3])  # m, rad, rad
 LEAST_FLOOR = np.array([2e-5, 2e-5, 2e-5])
 # m, m, rad for each pair: as of good wheels, because from too large a value the noise is not found
@@ -118,25 +119,43 @@ class Adjustment:
         It is that of the model of the noise, with each standard deviation as large as errors have in fact where that is
         more (sandwich). Errors that are close to each other, in time or in the image, may have the same cause: so the
         gradients of all that happened within CLUSTER_S are added up, and those of all that was seen in a part of the
-        image, where a lens may be other than its model. The correlations stay those of the model, because there are few
-        such groups.
+        image. On top comes what the solution would make of a lens that is other than its model by PART_SHIFT in each
+        part: residuals do not show it where the unknowns take it up. The correlations stay those of the model.
         """
         system = self._system(state, noise)
         chosen = cho_solve(cho_factor(system.H), np.eye(self._size)[:, :OF_DRIVE])
-        of_parts = np.zeros((PARTS[0] * PARTS[1], self._size))
-        sighting_scores(*system.whitened, group=self._part_of_image(state), scores=of_parts)
-        in_fact = np.maximum(_variance_of_sum(system.scores @ chosen, LAGS), _variance_of_sum(of_parts @ chosen, 0))
+        parts = self._parts(self.tracks.pixel, state), self._parts(self.tracks.host_pixel, state)
+        of_parts = self._scores_of(system, parts) @ chosen
+        in_fact = np.maximum(_variance_of_sum(system.scores @ chosen, LAGS), _variance_of_sum(of_parts, 0))
+        in_fact = in_fact + sum(
+            np.square(self._scores_of(self._shifted(system, state, noise, shift), parts) @ chosen).sum(axis=0)
+            for shift in PART_SHIFT * state.lens.width * np.eye(2)
+        )
         modelled = chosen[:OF_DRIVE]
         # the prior's values are one draw: its own information stands for its score
         in_fact += np.diag(modelled.T @ self.prior.information @ modelled)
         larger = np.sqrt(np.maximum(in_fact / np.diag(modelled), 1.0))
         return larger[:, None] * modelled * larger
 
-    def _part_of_image(self, state: DriveState) -> np.ndarray:
-        """(M,) in which part of the image each sighting is."""
+    def _parts(self, pixels: np.ndarray, state: DriveState) -> np.ndarray:
+        """(N,) in which part of the image pixels (N, 2) are."""
         size = np.array([state.lens.width, state.lens.height])
-        column, row = np.clip(self.tracks.pixel / size * PARTS, 0, np.array(PARTS) - 1).astype(np.int64).T
+        column, row = np.clip(pixels / size * PARTS, 0, np.array(PARTS) - 1).astype(np.int64).T
         return row * PARTS[0] + column
+
+    def _scores_of(self, system: _System, parts: Tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """(parts, N) gradients of what was seen in each part of the image."""
+        scores = np.zeros((PARTS[0] * PARTS[1], self._size))
+        sighting_scores(*system.whitened, group=parts[0], host_group=parts[1], scores=scores)
+        return scores
+
+    def _shifted(self, system: _System, state: DriveState, noise: Noise, shift: np.ndarray) -> _System:
+        """The system with residuals that a shift (2,) of all measured pixels makes."""
+        *others, _, own, _ = system.whitened
+        residual = -self._whitening(state, noise)[1] @ shift
+        pull = np.zeros((len(own), 3))
+        pull[:, :2] = -own[:, :2, :2] @ shift
+        return system._replace(whitened=(*others, residual, own, pull))
 
     def _descend(self, state: DriveState, noise: Noise) -> DriveState:
         damping, cost = FIRST_DAMPING, self._cost(state, noise)

@@ -165,12 +165,13 @@ def point_steps(
 def sighting_scores(
     first: np.ndarray, host: np.ndarray, target: np.ndarray, offset: int, of_camera: np.ndarray, of_host: np.ndarray,
     of_target: np.ndarray, of_point: np.ndarray, residual: np.ndarray, own: np.ndarray, pull: np.ndarray,
-    group: np.ndarray, scores: np.ndarray,
+    group: np.ndarray, host_group: np.ndarray, scores: np.ndarray,
 ) -> None:  # fmt: skip
-    """Add the gradient of each sighting, with its point eliminated, to a row of its own group.
+    """Add the gradient of each sighting and of each host's pixel, with the point eliminated, to rows of their groups.
 
     Args:
         group: (M,) row of each sighting.
+        host_group: (P,) row of each point's own gradient.
         scores: (G, N) changed.
         first, host, target, offset, of_camera, of_host, of_target, of_point, residual, own, pull: see `add_sightings`.
     """
@@ -182,6 +183,12 @@ def sighting_scores(
             first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, False
         )
         _inverse(own_p, inverse)
+        x = inverse @ pull[p]
+        score = scores[host_group[p]]
+        for i in range(size):
+            score[_unknown(i, first[p], host[p], target, offset)] -= (
+                mixed[i, 0] * x[0] + mixed[i, 1] * x[1] + mixed[i, 2] * x[2]
+            )
         for m in range(first[p], first[p + 1]):
             score = scores[group[m]]
             for k in range(POINT):

@@ -33,7 +33,8 @@ def warm_up() -> bool:
     )
     size = CAMERA + 2 * KEYFRAME
     add_sightings(*arguments, cluster=np.zeros(points, np.int64), H=np.zeros((size, size)), scores=np.zeros((1, size)))
-    sighting_scores(*arguments, group=np.zeros(sightings, np.int64), scores=np.zeros((1, size)))
+    groups = {"group": np.zeros(sightings, np.int64), "host_group": np.zeros(points, np.int64)}
+    sighting_scores(*arguments, **groups, scores=np.zeros((1, size)))
     return sightings > 0 and bool(np.isfinite(point_steps(*arguments, step=np.ones(size))).all())
 
 
