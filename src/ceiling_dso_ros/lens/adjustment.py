@@ -7,14 +7,14 @@ some sightings are wrong. How rough the floor is and how well wheels and images 
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.dso.durations import seconds
-from ceiling_dso_ros.lens.elimination_kernels import add_sightings, point_steps, sighting_scores
+from ceiling_dso_ros.lens.elimination_kernels import Equations, add_sightings, point_steps, sighting_scores
 from ceiling_dso_ros.lens.floor import WheelPairs, add_terms, floor_terms, roughness
 from ceiling_dso_ros.lens.parameters import vector_of
 from ceiling_dso_ros.lens.sightings import derivatives, residuals
@@ -75,7 +75,7 @@ class Prior:
 class _System(NamedTuple):
     H: np.ndarray
     scores: np.ndarray
-    whitened: Tuple[Any, ...]  # what point_steps needs
+    whitened: Equations
 
 
 class Adjustment:
@@ -151,11 +151,10 @@ class Adjustment:
 
     def _shifted(self, system: _System, state: DriveState, noise: Noise, shift: np.ndarray) -> _System:
         """The system with residuals that a shift (2,) of all measured pixels makes."""
-        *others, _, own, _ = system.whitened
         residual = -self._whitening(state, noise)[1] @ shift
-        pull = np.zeros((len(own), 3))
-        pull[:, :2] = -own[:, :2, :2] @ shift
-        return system._replace(whitened=(*others, residual, own, pull))
+        pull = np.zeros((len(self._first_idepth), 3))
+        pull[:, :2] = -system.whitened.own[:, :2, :2] @ shift
+        return system._replace(whitened=system.whitened._replace(residual=residual, pull=pull))
 
     def _descend(self, state: DriveState, noise: Noise) -> DriveState:
         damping, cost = FIRST_DAMPING, self._cost(state, noise)
@@ -198,18 +197,21 @@ class Adjustment:
         scores = np.zeros((int(self._cluster.max()) + 1, self._size))
         residual, roots, _ = self._whitening(state, noise)
         own, pull, _ = self._points_alone(state, noise)
-        changes = (roots @ change for change in derivatives(state, self.tracks))
-        arguments: Tuple[Any, ...] = (
+        changes = derivatives(state, self.tracks)
+        equations = Equations(
             self.tracks.first,
             self.tracks.host,
             self.tracks.target,
             OF_DRIVE,
-            *changes,
+            roots @ changes.of_camera,
+            roots @ changes.of_host,
+            roots @ changes.of_target,
+            roots @ changes.of_point,
             residual,
             own,
             pull,
         )
-        add_sightings(*arguments, cluster=self._cluster[self.tracks.host], H=H, scores=scores)
+        add_sightings(*equations, cluster=self._cluster[self.tracks.host], H=H, scores=scores)
         add_terms(floor_terms(state, noise.floor, OF_DRIVE), H, scores, self._cluster)
         weights, _ = self._wheel_weights(state, noise)
         add_terms(self.wheels.terms(state, noise.wheels, weights, OF_DRIVE), H, scores, self._cluster)
@@ -219,7 +221,7 @@ class Adjustment:
         for keyframe in self._held:
             at = OF_DRIVE + OF_KEYFRAME * keyframe + np.array([0, 1, 5])
             H[at, at] += GAUGE
-        return _System(H, scores, arguments)
+        return _System(H, scores, equations)
 
     def _whitening(self, state: DriveState, noise: Noise) -> Tuple[np.ndarray, np.ndarray, float]:
         """Whitened residuals (M, 2), matrices (M, 2, 2) that whiten and weight, and the cost."""

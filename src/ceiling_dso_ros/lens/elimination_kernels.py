@@ -5,7 +5,7 @@ The unknowns that the sightings of one point depend on are gathered in small arr
 host's, then those of each target. All arrays are float64.
 """
 
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -14,6 +14,22 @@ from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
 CAMERA, KEYFRAME, POINT = 12, 6, 3  # unknowns, as in `state`, whose module no kernel imports
 ALWAYS = CAMERA + KEYFRAME
 OF_SIGHTING = ALWAYS + KEYFRAME
+
+
+class Equations(NamedTuple):
+    """What all kernels of this module take first; see `add_sightings`."""
+
+    first: np.ndarray
+    host: np.ndarray
+    target: np.ndarray
+    offset: int
+    of_camera: np.ndarray
+    of_host: np.ndarray
+    of_target: np.ndarray
+    of_point: np.ndarray
+    residual: np.ndarray
+    own: np.ndarray
+    pull: np.ndarray
 
 
 @kernel_inlined

@@ -3,7 +3,7 @@
 
 import sys
 from pathlib import Path
-from typing import Any, Callable, Optional, Tuple
+from typing import Callable, Optional
 
 import numpy as np
 
@@ -12,7 +12,15 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.warmup import textured_plane
 from ceiling_dso_ros.io.lens_models import LensCamera
-from ceiling_dso_ros.lens.elimination_kernels import CAMERA, KEYFRAME, add_sightings, point_steps, sighting_scores
+from ceiling_dso_ros.lens.elimination_kernels import (
+    CAMERA,
+    KEYFRAME,
+    POINT,
+    Equations,
+    add_sightings,
+    point_steps,
+    sighting_scores,
+)
 from ceiling_dso_ros.lens.patch_kernels import align_patches
 from ceiling_dso_ros.lens.tracks import SeenKeyframe, follow
 
@@ -25,17 +33,26 @@ def warm_up() -> bool:
     """Follow the corners of a plane and set up the equations; returns whether any was found."""
     tracks = follow((_keyframe(number) for number in range(2)), LENS)
     sightings = len(tracks.target)
-    derivatives = (np.ones((sightings, 2, size)) for size in (CAMERA, KEYFRAME, KEYFRAME, 3))
     points = len(tracks.host)
-    arguments: Tuple[Any, ...] = (
-        *(tracks.first, tracks.host, tracks.target, CAMERA, *derivatives, np.ones((sightings, 2))),
-        *(np.tile(np.eye(3), (points, 1, 1)), np.zeros((points, 3))),
+    equations = Equations(
+        tracks.first,
+        tracks.host,
+        tracks.target,
+        CAMERA,
+        np.ones((sightings, 2, CAMERA)),
+        np.ones((sightings, 2, KEYFRAME)),
+        np.ones((sightings, 2, KEYFRAME)),
+        np.ones((sightings, 2, POINT)),
+        np.ones((sightings, 2)),
+        np.tile(np.eye(POINT), (points, 1, 1)),
+        np.zeros((points, POINT)),
     )
     size = CAMERA + 2 * KEYFRAME
-    add_sightings(*arguments, cluster=np.zeros(points, np.int64), H=np.zeros((size, size)), scores=np.zeros((1, size)))
-    groups = {"group": np.zeros(sightings, np.int64), "host_group": np.zeros(points, np.int64)}
-    sighting_scores(*arguments, **groups, scores=np.zeros((1, size)))
-    return sightings > 0 and bool(np.isfinite(point_steps(*arguments, step=np.ones(size))).all())
+    groups, none = np.zeros(sightings, np.int64), np.zeros(points, np.int64)
+    add_sightings(*equations, cluster=none, H=np.zeros((size, size)), scores=np.zeros((1, size)))
+    sighting_scores(*equations, group=groups, host_group=none, scores=np.zeros((1, size)))
+    steps = point_steps(*equations, step=np.ones(size))
+    return sightings > 0 and bool(np.isfinite(steps).all())
 
 
 def _keyframe(number: int) -> SeenKeyframe:
