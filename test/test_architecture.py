@@ -22,7 +22,7 @@ LAYERS = (
     ("slam",),
     ("settings",),
     ("playback",),
-    ("evaluation", "simulation", "lidar"),
+    ("evaluation", "simulation", "lidar", "lens"),
     ("experiments",),
     ("cli", "ros"),
     ("__main__",),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.cli.main import main
+from ceiling_dso_ros.io.camera_models import read_camera_file
 from ceiling_dso_ros.io.robot_file import read_robot_file
 
 DATA = Path(os.environ.get("CEILING_DSO_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -52,6 +53,13 @@ def test_a_robot_that_stood_is_refused_and_nothing_is_written(recording, tmp_pat
     assert not (tmp_path / "robot.yaml").exists()
 
 
+def test_the_calibration_of_the_recording_is_not_replaced(recording, capsys):
+    before = (recording / "camera.txt").read_text()
+    assert "choose an --out in another folder" in refusal(capsys, recording, "--out", recording / "found.yaml")
+    assert "drive for longer" in refusal(capsys, recording, "--out", recording / "found.yaml", "--keep-lens")
+    assert (recording / "camera.txt").read_text() == before
+
+
 @pytest.mark.long
 def test_the_shared_recording_confirms_its_robot(tmp_path, capsys):
     folder = DATA / "ceiling_loops"
@@ -59,7 +67,13 @@ def test_the_shared_recording_confirms_its_robot(tmp_path, capsys):
         pytest.skip(f"the recording is missing: {folder}")
     out = tmp_path / "robot.yaml"
     assert main(["calibrate", str(folder), "--out", str(out)]) == 0
-    assert "cannot be estimated" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "cannot be estimated" in table
+    assert "hardly told by the motion" in table  # the focal length of a camera that moves in a plane
+    told, corrected = read_camera_file(folder / "camera.txt").lens, read_camera_file(tmp_path / "camera.txt").lens
+    assert corrected.cx == pytest.approx(told.cx, abs=1.0)
+    assert corrected.cy == pytest.approx(told.cy, abs=1.0)
+    np.testing.assert_allclose(corrected.distortion, [0.0] * 4, atol=0.01)
     true, found = read_robot_file(folder / "robot.yaml"), read_robot_file(out)
     difference = np.linalg.inv(true.T_base_camera) @ found.T_base_camera
     assert np.degrees(np.arccos((np.trace(difference[:3, :3]) - 1.0) / 2.0)) < 0.3

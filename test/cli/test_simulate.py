@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 from ceiling_dso_ros.cli import simulate
 from ceiling_dso_ros.cli.main import main
@@ -28,6 +29,24 @@ def options(*words):
 
 def test_the_defaults_are_those_of_the_simulation():
     assert simulate._config(options("loops", "--out", "a.bag")) == SimulationConfig("loops")
+
+
+def test_a_wrong_calibration_is_told_and_the_truth_is_beside_it(tmp_path):
+    out = tmp_path / "a.bag"
+    assert main(["simulate", "loops", "--out", str(out), *QUICK, "--lens-error", "0.01", "3", "-2", "0.02"]) == 0
+    lens = open_recording(out).calibration.lens
+    fx, _, cx, cy = yaml.safe_load((tmp_path / "a.truth.yaml").read_text())["camera_fx_fy_cx_cy"]
+    assert (lens.fx, lens.cx, lens.cy) == pytest.approx((1.01 * fx, cx + 3.0, cy - 2.0))
+    assert (lens.model, lens.distortion) == ("RadTan", (0.02, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_a_wrong_lens_is_drawn_by_the_seed():
+    errors = [
+        simulate._config(options("loops", "--out", "a.bag", "--wrong-lens", "--seed", str(seed))).camera.lens_error
+        for seed in (3, 3, 4)
+    ]
+    assert errors[0] == errors[1] != errors[2]
+    assert simulate._config(options("loops", "--out", "a.bag", "--ceiling", "random")).camera.lens_error == ()
 
 
 def test_every_option_reaches_the_simulation():

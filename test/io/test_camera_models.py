@@ -4,8 +4,9 @@ import re
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.io.camera_models import read_camera_file
+from ceiling_dso_ros.io.camera_models import camera_file, read_camera_file
 from ceiling_dso_ros.io.errors import InputError
+from ceiling_dso_ros.io.lens_models import LensCamera
 
 
 def read(tmp_path, *lines):
@@ -35,6 +36,8 @@ def test_relative_numbers(tmp_path):
     [
         ("RadTan 425 424 427.6 236.4 -0.28 0.07 0.001 -0.001", "RadTan", (-0.28, 0.07, 0.001, -0.001)),
         ("RadTan 425 424 427.6 236.4 0 0 0 0", "Pinhole", ()),
+        ("RadTan 425 424 427.6 236.4 0.1 0 0 0 0.02", "RadTan", (0.1, 0.0, 0.0, 0.0, 0.02)),
+        ("RadTan 425 424 427.6 236.4 .1 0 0 0 .02 .1 0 0", "RadTan", (0.1, 0.0, 0.0, 0.0, 0.02, 0.1, 0.0, 0.0)),
         ("EquiDistant 425 424 427.6 236.4 0.01 0.04 -0.03 0.01", "EquiDistant", (0.01, 0.04, -0.03, 0.01)),
         ("EquiDistant 425 424 427.6 236.4 0 0 0 0", "EquiDistant", (0.0, 0.0, 0.0, 0.0)),
         ("FOV 0.5 0.8 0.5 0.5 0.93", "FOV", (0.93,)),
@@ -47,6 +50,26 @@ def test_every_lens_model(tmp_path, line, model, distortion):
     lens = read(tmp_path, line, "848 480", "crop", "640 480").lens
     assert (lens.model, lens.distortion) == (model, distortion)
     assert lens.cx == pytest.approx(427.6, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [
+        ("RadTan", (-0.28, 1 / 3, 0.001, -0.001)),
+        ("RadTan", (0.3, 0.0, 0.0, 0.0, 0.1, 0.2, 0.0, 0.01)),
+        ("EquiDistant", (0.01, 0.04, -0.03, 0.01)),
+        ("FOV", (0.93,)),
+        ("Pinhole", ()),
+    ],
+)
+def test_what_is_written_is_read_back_exactly(tmp_path, model, distortion):
+    lens = LensCamera(model, 425.1 + 1e-10, 424.0, 427.6, 236.4, distortion, 848, 480)
+    path = tmp_path / "camera.txt"
+    path.write_text(camera_file(lens, (640, 480), ["found", "in a test"]))
+    found = read_camera_file(path)
+    assert found.lens == lens
+    assert (found.camera.width, found.camera.height) == (640, 480)
+    assert path.read_text().startswith("# found\n# in a test\n")
 
 
 def test_crop_and_full(tmp_path):

@@ -87,6 +87,8 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.io.frame_rate import parse_frame_rate
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
+    from ceiling_dso_ros.lens.checking import LensCheck
+    from ceiling_dso_ros.lens.warmup import load_kernels as load_kernels_of_lens
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
@@ -111,13 +113,23 @@ def execute(options: argparse.Namespace) -> None:
         camera = RecordCamera.of(visual.preprocess.camera, recording.robot.T_base_camera)
         require_camera(options.map, site, camera)
     visual.regulate(frame_rate is None)
-    playback = Playback(visual, warnings, fusion, predict=not options.no_prediction, keep_keyframes=site is not None)
+    check = None if fusion is None else LensCheck(recording, visual.preprocess.camera)
+    playback = Playback(
+        visual,
+        warnings,
+        fusion,
+        predict=not options.no_prediction,
+        keep_keyframes=site is not None,
+        watch=None if check is None else check.add,
+    )
     settings = {"config.yaml": config, **({} if fusion is None else {"fusion.yaml": fusion_config})}
     require_output_folder(options.out, [*settings, *playback.files, *([] if site is None else [MAPPED])])
     for name, values in settings.items():
         write_settings(options.out / name, values)
 
     load_kernels(lambda message: print(message, file=sys.stderr))
+    if check is not None:
+        load_kernels_of_lens(lambda message: print(message, file=sys.stderr))
     end = COMPLETE
     try:
         # disable=None: no bar where stderr is no terminal
@@ -127,6 +139,9 @@ def execute(options: argparse.Namespace) -> None:
         with tqdm(listed, total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
         _explain_missing_poses(playback, recording, fusion is not None)
+        problem = None if check is None else check.problem()
+        if problem is not None:
+            warnings.add(f"{recording.path}: {problem}")
         if site is not None and fusion is not None:
             _write_mapped(options, site, playback, fusion)
     except BaseException as error:

@@ -69,6 +69,14 @@ def _add_camera_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--distortion", metavar="K", type=float, nargs=4, help="k1 k2 p1 p2 of the lens (default: none)")
     group.add_argument("--blur", metavar="PX", type=float, dest="blur_px", help="of the lens, pixels (default 0)")
     group.add_argument("--jpeg", metavar="Q", type=int, dest="jpeg_quality", help="quality, 1 to 100 (default: none)")
+    group.add_argument(
+        "--lens-error",
+        metavar="X",
+        type=float,
+        nargs=4,
+        help="what the calibration in the bag says too much: share of the focal lengths, cx, cy (pixels), k1",
+    )
+    group.add_argument("--wrong-lens", action="store_true", help="draw the lens error by the seed")
     group.add_argument("--no-exposure", action="store_true", help="the camera does not tell its exposure times")
     group.add_argument(
         "--time-offset", metavar="S", type=float, default=0.0, help="delay of the image stamps, seconds (default 0)"
@@ -166,12 +174,14 @@ def _config(options: argparse.Namespace) -> "SimulationConfig":
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.simulation.camera import CameraModel
     from ceiling_dso_ros.simulation.config import SimulationConfig
-    from ceiling_dso_ros.simulation.drawn import RANDOM_CEILING, draw_camera, draw_config, draw_wheels
+    from ceiling_dso_ros.simulation.drawn import RANDOM_CEILING, draw_camera, draw_config, draw_lens_error, draw_wheels
     from ceiling_dso_ros.simulation.robot import WheelErrors
     from ceiling_dso_ros.simulation.sensors.laser import LaserModel
 
     width, height = parse_image_size(options.size, "--size")
     camera = {"width": width, "height": height, **_given(options, CameraModel)}
+    if options.wrong_lens:
+        camera = {"lens_error": draw_lens_error(options.seed, width), **camera}
     wheels = _given(options, WheelErrors)
     settings: Dict[str, Any] = {
         "session": options.session,

@@ -103,9 +103,9 @@ def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: Ro
             f"only {len(pairs)} pairs of images with motion between them, {MIN_PAIRS} are needed: drive for longer"
         )
     solution, used, slips = _without_slips(wheels, pairs, robot)
-    values = _describe(solution.values, np.sqrt(np.diag(solution.covariance)), robot)
+    values = described_values(solution.values, np.sqrt(np.diag(solution.covariance)), robot)
     count = int(np.count_nonzero(used))
-    return Calibration(values, _apply(values, robot), count, len(pairs) - count, slips)
+    return Calibration(values, applied(values, robot), count, len(pairs) - count, slips)
 
 
 def _without_slips(
@@ -134,7 +134,8 @@ def _without_slips(
     return solution, used, described(pairs, slips, solution.excess_m)
 
 
-def _describe(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel) -> Tuple[CalibratedValue, ...]:
+def described_values(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel) -> Tuple[CalibratedValue, ...]:
+    """Results in the units of PARAMETERS, from values and standard deviations (8,) as `Solution` has them."""
     yaw, pitch, roll = Rotation.from_matrix(robot.T_base_camera[:3, :3]).as_euler("ZYX")
     nominal = np.array([roll, pitch, yaw, *robot.T_base_camera[:2, 3], robot.camera_time_offset_s, 0.0, 0.0])
     ratio = robot.wheel_radius_m[1] / robot.wheel_radius_m[0]
@@ -153,7 +154,8 @@ def _describe(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel) -> Tu
     return tuple(values)
 
 
-def _apply(values: Sequence[CalibratedValue], robot: RobotModel) -> RobotModel:
+def applied(values: Sequence[CalibratedValue], robot: RobotModel) -> RobotModel:
+    """The robot with those of the values that the motion determines."""
     roll, pitch, yaw, x, y, offset_s, ratio, base = (v.value if v.excited else v.nominal for v in values)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()

@@ -21,6 +21,7 @@ CAMERA_FILE_NUMBERS = {
     "EquiDistant": "fx fy cx cy k1 k2 k3 k4",
     "FOV": "fx fy cx cy omega",
 }
+RADTAN_COUNTS = (8, 9, 12)  # of numbers: OpenCV's k3, or k3 k4 k5 k6, may follow p2
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,26 @@ def read_camera_file(path: Union[str, Path]) -> CameraCalibration:
     return CameraCalibration(lens, _parse_output(output_line, lens, out_size, output_where))
 
 
+def camera_file(lens: LensCamera, output_size: Tuple[int, int], comments: Sequence[str] = ()) -> str:
+    """The text of a `camera.txt` with `crop`; it is read back as the very same lens.
+
+    Args:
+        lens: the raw camera.
+        output_size: width and height of the undistorted images, pixels.
+        comments: lines at its head, without the #.
+    """
+    numbers = [lens.fx, lens.fy, lens.cx, lens.cy, *(lens.distortion or (0.0,))]
+    return "\n".join(
+        [
+            *(f"# {line}" for line in comments),
+            " ".join([lens.model, *(repr(float(number)) for number in numbers)]),
+            f"{lens.width} {lens.height}",
+            "crop",
+            "{} {}\n".format(*output_size),
+        ]
+    )
+
+
 def _parse_lens(line: str, size: Tuple[int, int], where: str) -> LensCamera:
     """First line: a model's name and its numbers, or five numbers alone, which are those of FOV."""
     name, *words = line.split()
@@ -92,7 +113,7 @@ def _parse_lens(line: str, size: Tuple[int, int], where: str) -> LensCamera:
     numbers = _parse_numbers(words, f"{where}: {expected}")
     if name == "Pinhole" and len(numbers) == 4:
         numbers.append(0.0)
-    if len(numbers) != len(CAMERA_FILE_NUMBERS[name].split()):
+    if len(numbers) not in (RADTAN_COUNTS if name == "RadTan" else (len(CAMERA_FILE_NUMBERS[name].split()),)):
         raise InputError(f"{where}: {len(numbers)} numbers; {expected}")
     distortion = tuple(numbers[4:])
     if name == "Pinhole" and any(distortion):

@@ -5,7 +5,9 @@ import json
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple, Union
 
-from ceiling_dso_ros.dso import CameraMotion, TrackingState
+import numpy as np
+
+from ceiling_dso_ros.dso import CameraMotion, OdometryStatus, TrackingState
 from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.ply import write_ply
@@ -42,6 +44,7 @@ class Playback:
         fusion: Optional[FusionPlayback] = None,
         predict: bool = True,
         keep_keyframes: bool = False,
+        watch: Optional[Callable[[np.ndarray, OdometryStatus], None]] = None,
     ) -> None:
         """Prepare a run.
 
@@ -51,12 +54,14 @@ class Playback:
             fusion: the wheels' part.
             predict: the wheels, if there are any, predict the camera's motion for the odometry.
             keep_keyframes: keep what a map of the site needs; with wheels only.
+            watch: is given each image, (height, width) float32 and undistorted, with its result.
         """
         self.visual = visual
         self._fusion = fusion
         self._predict = predict
         self.map = MapRecorder()
         self._recorder = KeyframeRecorder(visual.preprocess.camera) if keep_keyframes else None
+        self._watch = watch
         self._maker = RecordMaker()
         self.records: List[NewRecord] = []
         self.timing = TimingLog()
@@ -153,6 +158,8 @@ class Playback:
     def _track(self, frame: Frame) -> None:
         tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, self._prediction(frame.stamp_ns))
         self.map.add(tracked.status)
+        if self._watch is not None:
+            self._watch(tracked.image, tracked.status)
         if self._recorder is not None:
             for view in self._recorder.add(tracked.image, tracked.status):
                 self._maker.add_view(view)

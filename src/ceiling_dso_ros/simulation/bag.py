@@ -86,7 +86,7 @@ class MeasurementMessages:
         nominal = world.nominal
         model = RobotModel(nominal.T_base_camera, nominal.wheel_base_m, nominal.wheel_radius_m, nominal.ticks_per_turn)
         self._bag = bag
-        self._lens, self._laser = world.config.camera.lens, world.config.laser
+        self._lens, self._laser = world.config.camera.told_lens, world.config.laser
         self._odometry = WheelOdometry(model, WheelConfig())
         mounts = world.robot.static_transforms()
         fitted = {*world.cameras, "laser", *(("imu",) if world.config.imu else ())}

@@ -47,6 +47,8 @@ class CameraModel:
         blur_px: standard deviation of the blur of a lens that is not in focus.
         jpeg_quality: images are compressed with losses, 1 to 100; 0: they are not.
         exposure_follows: the exposure time follows the light; otherwise it is fixed.
+        lens_error: what the calibration in the recording says too much: share of both focal lengths, pixels of the
+            principal point (2), and k1; empty for a calibration that is right.
     """
 
     width: int = 848
@@ -61,6 +63,7 @@ class CameraModel:
     blur_px: float = 0.0
     jpeg_quality: int = 0
     exposure_follows: bool = True
+    lens_error: Tuple[float, ...] = ()
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
@@ -75,6 +78,9 @@ class CameraModel:
         require(0.0 <= self.vignette <= 0.8, f"vignette {self.vignette:g}: 0 to 0.8")
         require(len(self.distortion) in (0, 4), "distortion: give k1 k2 p1 p2 or nothing")
         require(all(abs(k) <= 0.5 for k in self.distortion), f"distortion {self.distortion}: each -0.5 to 0.5")
+        require(len(self.lens_error) in (0, 4), "lens error: give focal length, cx, cy, k1 or nothing")
+        for error, limit in zip(self.lens_error, (0.1, 0.1 * self.width, 0.1 * self.width, 0.2)):
+            require(abs(error) <= limit, f"lens error {error:g}: -{limit:g} to {limit:g}")
         require(0.0 <= self.blur_px <= 5.0, f"blur {self.blur_px:g}: 0 to 5 pixels")
         require(0 <= self.jpeg_quality <= 100, f"JPEG quality {self.jpeg_quality}: 1 to 100, or 0 for none")
 
@@ -86,6 +92,25 @@ class CameraModel:
         model = "RadTan" if self.distortion else "Pinhole"
         focal = NATIVE_FOCAL_PX * scale
         return LensCamera(model, focal, focal, cx, cy, self.distortion, self.width, self.height)
+
+    @property
+    def told_lens(self) -> LensCamera:
+        """The raw camera as the recording's calibration has it."""
+        lens = self.lens
+        if not self.lens_error:
+            return lens
+        focal, cx, cy, k1 = self.lens_error
+        first, *others = lens.distortion or (0.0, 0.0, 0.0, 0.0)
+        return LensCamera(
+            "RadTan",
+            lens.fx * (1.0 + focal),
+            lens.fy * (1.0 + focal),
+            lens.cx + cx,
+            lens.cy + cy,
+            (first + k1, *others),
+            lens.width,
+            lens.height,
+        )
 
     @cached_property
     def pinhole(self) -> PinholeCamera:

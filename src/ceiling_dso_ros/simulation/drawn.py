@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A whole drive drawn at random: hall, camera and wheels."""
 
-from typing import Any
+from typing import Any, Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.config import require
-from ceiling_dso_ros.simulation.camera import CameraModel
+from ceiling_dso_ros.simulation.camera import NATIVE_WIDTH, CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.robot import Vibration, WheelErrors
 
 RANDOM_CEILING = "random"
+LARGEST_FOCAL_ERROR, LARGEST_CENTRE_ERROR_PX, LARGEST_K1_ERROR = 0.01, 5.0, 0.02
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
@@ -45,6 +46,22 @@ def draw_camera(seed: int, **fixed: Any) -> CameraModel:  # noqa: ANN401 each at
         "exposure_follows": bool(rng.random() < 0.8),
     }
     return CameraModel(**{**drawn, **fixed})
+
+
+def draw_lens_error(seed: int, width: int) -> Tuple[float, ...]:
+    """A wrong calibration drawn at random, `CameraModel.lens_error`, as of a camera that was calibrated some time ago.
+
+    Args:
+        seed: of all choices.
+        width: of the images, pixels; the principal point is wrong by up to 5 pixels of the native width.
+
+    Raises:
+        ConfigError: the seed is out of range.
+    """
+    rng = _stream(seed, 4)
+    centre_px = LARGEST_CENTRE_ERROR_PX * width / NATIVE_WIDTH
+    limits = (LARGEST_FOCAL_ERROR, centre_px, centre_px, LARGEST_K1_ERROR)
+    return tuple(float(rng.uniform(-limit, limit)) for limit in limits)
 
 
 def draw_wheels(seed: int, **fixed: float) -> WheelErrors:

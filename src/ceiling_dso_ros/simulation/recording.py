@@ -8,6 +8,7 @@ from typing import Iterator, Optional
 import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
+from ceiling_dso_ros.io.output_camera import crop_camera
 from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.simulation.config import SimulationConfig
@@ -33,6 +34,9 @@ class SimulatedRecording(Recording):
         self.path = Path(f"simulated_{config.sequence}_{config.ceiling}_{config.seed}")
         camera = config.camera
         self.calibration = CameraCalibration(camera.lens, camera.pinhole)
+        if camera.lens_error:
+            told = camera.told_lens
+            self.calibration = CameraCalibration(told, crop_camera(told, told.width, told.height))
         self.photometric = camera.photometric
 
     def __len__(self) -> int:

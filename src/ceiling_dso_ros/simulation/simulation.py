@@ -146,6 +146,7 @@ class Simulation(World):
             "T_base_camera": true.T_base_camera.tolist(),
             "camera_time_offset_s": self.config.time_offset_s,
             "camera_fx_fy_cx_cy": [lens.fx, lens.fy, lens.cx, lens.cy],
+            "camera_distortion": list(lens.distortion),
             "exposure_drift_phases": self.exposure.phases.tolist(),
             "vibration_hz_and_phase": self.robot.tones.tolist(),
             "imu_gyro_bias": unit.gyro_bias.tolist(),

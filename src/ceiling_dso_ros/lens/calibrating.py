@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Calibration of camera and robot from one drive: passes of the odometry, each in the lens that the last one found."""
+
+from dataclasses import dataclass
+from typing import Callable, List, Sequence, Tuple
+
+import numpy as np
+
+from ceiling_dso_ros.fusion.calibration import (
+    CalibratedValue,
+    Calibration,
+    CalibrationError,
+    applied,
+    calibrate,
+    described_values,
+)
+from ceiling_dso_ros.fusion.config import RobotModel
+from ceiling_dso_ros.fusion.wheel_motion import WheelStep
+from ceiling_dso_ros.io.camera_models import CameraCalibration
+from ceiling_dso_ros.io.output_camera import crop_camera
+from ceiling_dso_ros.lens.finding import FoundDrive, find, in_calibration_order, prior_of
+from ceiling_dso_ros.lens.observing import ObservedDrive
+from ceiling_dso_ros.lens.parameters import correctable, names_of, vector_of
+from ceiling_dso_ros.lens.state import LENS
+from ceiling_dso_ros.lens.tracks import follow
+
+PASSES = 4
+SMALL_CHANGE = 1.0  # standard deviations: other images of the same drive would change as much
+TOLD_SHARE = 0.3  # of the standard deviation before: above it, the value is not told by the drive
+
+
+@dataclass(frozen=True)
+class CameraAndRobot:
+    """What a drive tells.
+
+    Attributes:
+        lens_values: of the lens, each with its standard deviation and whether the drive told it.
+        camera: the corrected camera.
+        robot: the rest, in the corrected lens.
+        passes: of the odometry.
+    """
+
+    lens_values: Tuple[CalibratedValue, ...]
+    camera: CameraCalibration
+    robot: Calibration
+    passes: int
+
+
+def calibrate_all(
+    steps: Sequence[WheelStep], robot: RobotModel, camera: CameraCalibration,
+    observe: Callable[[CameraCalibration], ObservedDrive],
+) -> CameraAndRobot:  # fmt: skip
+    """Find lens, mount, clock and wheel dimensions.
+
+    Args:
+        steps: of the wheels, by the nominal dimensions.
+        robot: nominal dimensions.
+        camera: the recording's calibration.
+        observe: tracks the drive with a calibration.
+
+    Raises:
+        CalibrationError: too little to see, or too little motion.
+    """
+    current = camera
+    results: List[FoundDrive] = []
+    while len(results) < PASSES and (len(results) < 2 or _change(*results[-2:]) > SMALL_CHANGE):
+        drive = observe(current)
+        guess = calibrate(steps, drive.poses, robot).robot
+        tracks = follow(drive.keyframes, current.lens)
+        results.append(find(drive.keyframes, tracks, steps, robot, guess, camera.lens, current.lens))
+        current = _corrected(results[-1], camera)
+    return _described(results[-1], camera, current, robot, len(results))
+
+
+def _corrected(found: FoundDrive, camera: CameraCalibration) -> CameraCalibration:
+    lens = found.state.lens
+    try:
+        return CameraCalibration(lens, crop_camera(lens, camera.camera.width, camera.camera.height))
+    except ValueError as error:
+        raise CalibrationError(f"the images do not tell the lens ({error}); --keep-lens leaves it as it is") from error
+
+
+def _change(before: FoundDrive, found: FoundDrive) -> float:
+    """Largest change of a number of the lens, in standard deviations."""
+    sigmas = np.sqrt(np.diag(found.covariance)[LENS])
+    return float(np.max(np.abs(vector_of(found.state.lens) - vector_of(before.state.lens)) / sigmas))
+
+
+def _described(
+    found: FoundDrive, before: CameraCalibration, camera: CameraCalibration, robot: RobotModel, passes: int
+) -> CameraAndRobot:
+    values, covariance = in_calibration_order(found)
+    sigmas = np.sqrt(np.diag(covariance))
+    known = np.sqrt(np.diag(np.linalg.inv(prior_of(robot, before.lens).information))[LENS])
+    nominal = vector_of(correctable(before.lens))
+    of_lens = tuple(
+        CalibratedValue(
+            name,
+            "px" if number < 4 else "",
+            float(values[number]),
+            float(sigmas[number]),
+            float(nominal[number]),
+            bool(sigmas[number] < TOLD_SHARE * known[number]),
+        )
+        for number, name in enumerate(names_of(before.lens))
+    )
+    of_robot = described_values(values[6:], sigmas[6:], robot)
+    result = Calibration(of_robot, applied(of_robot, robot), found.pairs, found.left_out, found.slips)
+    return CameraAndRobot(of_lens, camera, result, passes)
