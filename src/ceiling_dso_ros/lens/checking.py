@@ -4,6 +4,7 @@
 from typing import Optional, Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
@@ -21,7 +22,8 @@ from ceiling_dso_ros.playback.fusion_playback import robot_model
 from ceiling_dso_ros.playback.wheel_playback import wheel_steps
 
 MOST_KEYFRAMES, CORNERS = 80, 30  # that are looked at: enough for a lens that is wrong by a pixel
-GATE = 5.0  # standard deviations, as of slips
+FALSE_ALARM = 5.7e-7  # probability, that of 5 standard deviations
+NAMED = 3.0  # standard deviations of a single number
 LEAST_PX = 0.5  # what a careful calibration is wrong by: less costs next to nothing
 GRID = 9  # points along each side of the image
 
@@ -67,14 +69,17 @@ def lens_problem(
 def misfit(found: FoundDrive, lens: LensCamera) -> Optional[str]:
     """In what a lens does not fit what was found, in one line; None if it does, or if it makes no difference."""
     change = vector_of(found.state.lens) - vector_of(correctable(lens))
-    sigmas = np.sqrt(np.diag(found.covariance)[LENS])
-    wrong = np.abs(change) > GATE * sigmas
-    if not wrong.any() or _apart_px(found, lens) < LEAST_PX:
+    covariance = found.covariance[LENS, LENS]
+    if change @ np.linalg.solve(covariance, change) < chi2.isf(FALSE_ALARM, len(change)):
         return None
+    if _apart_px(found, lens) < LEAST_PX:
+        return None
+    sigmas = np.sqrt(np.diag(covariance))
+    far = np.abs(change) / sigmas
     parts = [
         f"{name} {value:+.2g} +- {sigma:.1g}"
-        for name, value, sigma, is_wrong in zip(names_of(lens), change, sigmas, wrong)
-        if is_wrong
+        for name, value, sigma, is_far in zip(names_of(lens), change, sigmas, far >= min(NAMED, far.max()))
+        if is_far
     ]
     return (
         f"the camera's calibration does not fit its images; they tell {', '.join(parts)} beside it: `calibrate` "
