@@ -60,23 +60,45 @@ def test_the_calibration_of_the_recording_is_not_replaced(recording, capsys):
     assert (recording / "camera.txt").read_text() == before
 
 
-@pytest.mark.long
-def test_the_shared_recording_confirms_its_robot(tmp_path, capsys):
+def calibrated(tmp_path, capsys, *words):
+    """What is printed of the shared recording; the files are in tmp_path."""
     folder = DATA / "ceiling_loops"
     if not folder.is_dir():
         pytest.skip(f"the recording is missing: {folder}")
-    out = tmp_path / "robot.yaml"
-    assert main(["calibrate", str(folder), "--out", str(out)]) == 0
-    table = capsys.readouterr().out
-    assert "cannot be estimated" in table
-    assert "hardly told by the motion" in table  # the focal length of a camera that moves in a plane
-    told, corrected = read_camera_file(folder / "camera.txt").lens, read_camera_file(tmp_path / "camera.txt").lens
-    assert corrected.cx == pytest.approx(told.cx, abs=1.0)
-    assert corrected.cy == pytest.approx(told.cy, abs=1.0)
-    np.testing.assert_allclose(corrected.distortion, [0.0] * 4, atol=0.01)
-    true, found = read_robot_file(folder / "robot.yaml"), read_robot_file(out)
+    assert main(["calibrate", str(folder), "--out", str(tmp_path / "robot.yaml"), *words]) == 0
+    return capsys.readouterr().out
+
+
+def assert_its_mount(tmp_path):
+    true, found = read_robot_file(DATA / "ceiling_loops" / "robot.yaml"), read_robot_file(tmp_path / "robot.yaml")
     difference = np.linalg.inv(true.T_base_camera) @ found.T_base_camera
     assert np.degrees(np.arccos((np.trace(difference[:3, :3]) - 1.0) / 2.0)) < 0.3
     np.testing.assert_allclose(found.T_base_camera[:3, 3], true.T_base_camera[:3, 3], atol=0.015)
     assert found.wheel_base_m == pytest.approx(true.wheel_base_m, rel=0.02)
-    assert out.read_text().startswith("# calibrated from ceiling_loops")
+
+
+@pytest.mark.long
+def test_the_shared_recording_confirms_its_lens_and_robot(tmp_path, capsys):
+    table = calibrated(tmp_path, capsys)
+    assert "cannot be estimated" in table
+    assert "fits the images, and stays as it is" in table
+    told, kept = (read_camera_file(path / "camera.txt").lens for path in (DATA / "ceiling_loops", tmp_path))
+    assert (kept.fx, kept.fy, kept.cx, kept.cy) == (told.fx, told.fy, told.cx, told.cy)
+    assert not any(kept.distortion)
+    assert_its_mount(tmp_path)
+    assert (tmp_path / "robot.yaml").read_text().startswith("# calibrated from ceiling_loops")
+
+
+@pytest.mark.long
+def test_a_wrong_lens_is_found_together_with_the_mount(tmp_path, capsys):
+    told = read_camera_file(DATA / "ceiling_loops" / "camera.txt").lens
+    wrong = tmp_path / "wrong.txt"
+    wrong.write_text(f"RadTan {told.fx} {told.fy} {told.cx + 3} {told.cy + 2} 0.01 0 0 0\n848 480\ncrop\n848 480\n")
+    table = calibrated(tmp_path, capsys, "--camera", str(wrong))
+    assert "hardly told by the motion" in table  # the focal length of a camera that moves in a plane
+    assert "stays as it is" not in table
+    corrected = read_camera_file(tmp_path / "camera.txt").lens
+    assert corrected.cx == pytest.approx(told.cx, abs=1.5)
+    assert corrected.cy == pytest.approx(told.cy, abs=1.0)
+    np.testing.assert_allclose(corrected.distortion, [0.0] * 4, atol=0.004)
+    assert_its_mount(tmp_path)

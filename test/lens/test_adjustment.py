@@ -9,7 +9,8 @@ from synthetic_drive import LENS, ROBOT, synthetic_drive
 
 from ceiling_dso_ros.fusion.calibration import CalibrationError
 from ceiling_dso_ros.io.lens_models import LensCamera
-from ceiling_dso_ros.lens.checking import misfit
+from ceiling_dso_ros.lens.calibrating import NEEDLESS
+from ceiling_dso_ros.lens.checking import fits, misfit
 from ceiling_dso_ros.lens.finding import find, in_calibration_order, mount_angles
 from ceiling_dso_ros.lens.parameters import vector_of, with_vector
 
@@ -57,6 +58,18 @@ def test_a_lens_that_does_not_fit_is_named(drives):
     line = misfit(found, with_vector(LENS, vector_of(LENS) + WRONG))
     assert "cx -2." in line and "cy +" in line and "k1 -0.0" in line and "fx" not in line
     assert misfit(found, LENS) is None
+    assert fits(found, LENS, NEEDLESS)
+    assert not fits(found, with_vector(LENS, vector_of(LENS) + WRONG), NEEDLESS)
+
+
+@pytest.mark.long
+def test_a_lens_that_is_hardly_another_one_stays(drives):
+    """However sure the drive is of it: half a pixel costs nothing."""
+    _, found = drives[0]
+    sure = replace(found, covariance=1e-6 * found.covariance)
+    for shift_px, stays in (((0.3, 0.2), True), ((0.5, 0.4), False)):
+        shifted = replace(found.state.lens, cx=found.state.lens.cx + shift_px[0], cy=found.state.lens.cy + shift_px[1])
+        assert fits(sure, shifted, NEEDLESS) == stays
 
 
 @pytest.mark.long

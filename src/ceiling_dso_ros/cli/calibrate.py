@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.lens.observing import ObservedDrive
 
 CAMERA_FILE = "camera.txt"  # beside the robot
+LENS_STAYS = "the recording's calibration of the lens fits the images, and stays as it is"
 
 
 def add_parser(commands: argparse._SubParsersAction) -> None:
@@ -88,6 +89,8 @@ def execute(options: argparse.Namespace) -> None:
         write_each(options.out.parent, {name: _writer(text) for name, text in texts.items()})
     finally:
         print(_table([] if options.keep_lens else found.lens_values, calibration.values))
+        if not options.keep_lens and found.lens_stays:
+            print(LENS_STAYS)
         for line in _left_out(calibration):
             print(line)
 
@@ -207,7 +210,7 @@ def _camera(found: "CameraAndRobot", source: Path) -> str:
     from ceiling_dso_ros.io.camera_models import camera_file
 
     camera = found.camera.camera
-    lines = [f"calibrated from {source.name} in {found.passes} passes"]
+    lines = [LENS_STAYS if found.lens_stays else f"calibrated from {source.name} in {found.passes} passes"]
     lines += [f"{v.name}: {v.value:.6g} +- {_sigma(v)} {v.unit}".rstrip() for v in found.lens_values]
     return camera_file(found.camera.lens, (camera.width, camera.height), lines)
 

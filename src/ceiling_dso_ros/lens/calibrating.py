@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Calibration of camera and robot from one drive: passes of the odometry, each in the lens that the last one found."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.output_camera import crop_camera
+from ceiling_dso_ros.lens.checking import fits
 from ceiling_dso_ros.lens.finding import FoundDrive, find, in_calibration_order, prior_of
 from ceiling_dso_ros.lens.observing import ObservedDrive
 from ceiling_dso_ros.lens.parameters import correctable, names_of, vector_of
@@ -26,6 +27,9 @@ from ceiling_dso_ros.lens.tracks import follow
 
 PASSES = 4
 SMALL_CHANGE = 1.0  # standard deviations: other images of the same drive would change as much
+# A right lens is changed as often as this. Where a drive tells lens and mount only together, as under a flat ceiling,
+# a change makes the camera's own path worse.
+NEEDLESS = 0.05
 TOLD_SHARE = 0.3  # of the standard deviation before: above it, the value is not told by the drive
 
 
@@ -35,15 +39,17 @@ class CameraAndRobot:
 
     Attributes:
         lens_values: of the lens, each with its standard deviation and whether the drive told it.
-        camera: the corrected camera.
-        robot: the rest, in the corrected lens.
+        camera: the corrected camera; that of the recording if it fits the images.
+        robot: the rest, seen through that camera.
         passes: of the odometry.
+        lens_stays: the recording's calibration fits the images.
     """
 
     lens_values: Tuple[CalibratedValue, ...]
     camera: CameraCalibration
     robot: Calibration
     passes: int
+    lens_stays: bool
 
 
 def calibrate_all(
@@ -65,10 +71,14 @@ def calibrate_all(
     results: List[FoundDrive] = []
     while len(results) < PASSES and (len(results) < 2 or _change(*results[-2:]) > SMALL_CHANGE):
         drive = observe(current)
-        guess = calibrate(steps, drive.poses, robot).robot
+        through_lens = calibrate(steps, drive.poses, robot)
         tracks = follow(drive.keyframes, current.lens)
-        results.append(find(drive.keyframes, tracks, steps, robot, guess, camera.lens, current.lens))
-        current = _corrected(results[-1], camera)
+        found = find(drive.keyframes, tracks, steps, robot, through_lens.robot, camera.lens, current.lens)
+        if not results and fits(found, camera.lens, NEEDLESS):
+            values = tuple(replace(value, value=value.nominal) for value in _lens_values(found, camera, robot))
+            return CameraAndRobot(values, camera, through_lens, 1, lens_stays=True)
+        results.append(found)
+        current = _corrected(found, camera)
     return _described(results[-1], camera, current, robot, len(results))
 
 
@@ -90,10 +100,17 @@ def _described(
     found: FoundDrive, before: CameraCalibration, camera: CameraCalibration, robot: RobotModel, passes: int
 ) -> CameraAndRobot:
     values, covariance = in_calibration_order(found)
+    of_robot = described_values(values[6:], np.sqrt(np.diag(covariance))[6:], robot)
+    result = Calibration(of_robot, applied(of_robot, robot), found.pairs, found.left_out, found.slips)
+    return CameraAndRobot(_lens_values(found, before, robot), camera, result, passes, lens_stays=False)
+
+
+def _lens_values(found: FoundDrive, before: CameraCalibration, robot: RobotModel) -> Tuple[CalibratedValue, ...]:
+    values, covariance = in_calibration_order(found)
     sigmas = np.sqrt(np.diag(covariance))
     known = np.sqrt(np.diag(np.linalg.inv(prior_of(robot, before.lens).information))[LENS])
     nominal = vector_of(correctable(before.lens))
-    of_lens = tuple(
+    return tuple(
         CalibratedValue(
             name,
             "px" if number < 4 else "",
@@ -104,6 +121,3 @@ def _described(
         )
         for number, name in enumerate(names_of(before.lens))
     )
-    of_robot = described_values(values[6:], sigmas[6:], robot)
-    result = Calibration(of_robot, applied(of_robot, robot), found.pairs, found.left_out, found.slips)
-    return CameraAndRobot(of_lens, camera, result, passes)

@@ -66,15 +66,25 @@ def lens_problem(
     return misfit(found, lens)
 
 
+def fits(found: FoundDrive, lens: LensCamera, false_alarm: float) -> bool:
+    """Whether a lens fits what was found, or makes no difference.
+
+    Args:
+        found: of a drive.
+        lens: to be judged.
+        false_alarm: probability that a lens does not fit that is right.
+    """
+    change = vector_of(found.state.lens) - vector_of(correctable(lens))
+    is_near = change @ np.linalg.solve(found.covariance[LENS, LENS], change) < chi2.isf(false_alarm, len(change))
+    return bool(is_near or _apart_px(found, lens) < LEAST_PX)
+
+
 def misfit(found: FoundDrive, lens: LensCamera) -> Optional[str]:
     """In what a lens does not fit what was found, in one line; None if it does, or if it makes no difference."""
+    if fits(found, lens, FALSE_ALARM):
+        return None
     change = vector_of(found.state.lens) - vector_of(correctable(lens))
-    covariance = found.covariance[LENS, LENS]
-    if change @ np.linalg.solve(covariance, change) < chi2.isf(FALSE_ALARM, len(change)):
-        return None
-    if _apart_px(found, lens) < LEAST_PX:
-        return None
-    sigmas = np.sqrt(np.diag(covariance))
+    sigmas = np.sqrt(np.diag(found.covariance[LENS, LENS]))
     far = np.abs(change) / sigmas
     parts = [
         f"{name} {value:+.2g} +- {sigma:.1g}"
