@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import io
 import json
+import subprocess
+import sys
+import time
 import zipfile
 from dataclasses import replace
 
@@ -30,6 +33,32 @@ def test_save_load_save_gives_the_same_bytes(site, tmp_path):
     np.testing.assert_array_equal(loaded.keyframes[2].record.points, site.keyframes[2].record.points)
     assert loaded.edges[1].is_loop
     require_camera("site", loaded, ceiling.RECORD_CAMERA)
+
+
+SAVE_FOR_EVER = """
+import sys
+from ceiling_dso_ros.slam.map_file import read_map, write_map
+site = read_map(sys.argv[1])
+print("saving", flush=True)
+while True:
+    write_map(sys.argv[1], site)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("delay_s", [0.0, 0.07, 0.23])
+def test_what_is_killed_while_it_saves_leaves_a_whole_map(site, tmp_path, delay_s):
+    path = tmp_path / "site"
+    write_map(path, site)
+    before = path.read_bytes()
+    with subprocess.Popen([sys.executable, "-c", SAVE_FOR_EVER, str(path)], stdout=subprocess.PIPE) as saving:
+        assert saving.stdout.readline() == b"saving\n"
+        time.sleep(delay_s)
+        saving.kill()
+    assert path.read_bytes() == before
+    assert len(read_map(path).keyframes) == 3
+    write_map(path, site)  # what it has left beside it is in nobody's way
+    assert [each.name for each in tmp_path.iterdir()] == ["site"]
 
 
 def test_an_empty_map_can_be_kept(tmp_path):
