@@ -11,10 +11,10 @@ import pytest
 from ceiling_dso_ros.cli.main import main
 from ceiling_dso_ros.dso import warmup
 from ceiling_dso_ros.fusion import calibration
-from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.io import bag_trajectories, bag_writer, trajectory
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.trajectory import Trajectory, read_tum, write_tum
+from ceiling_dso_ros.lens import calibrating
 from ceiling_dso_ros.playback import visual_run
 
 RUN_FILES = {"camera.tum", "camera_final.tum", "keyframes.tum", "map.ply", "timing.csv", "summary.json", "config.yaml"}
@@ -226,20 +226,24 @@ def test_a_benchmark_is_printed_also_if_it_cannot_be_written(words_of, out, caps
     assert names(out) == set()
 
 
-def test_a_calibration_is_printed_also_if_it_cannot_be_written(words_of, out, capsys, monkeypatch):
-    robot = RobotModel(np.eye(4), 0.5)
-    found = calibration.Calibration(
-        tuple(calibration.CalibratedValue(name, unit, 0.5, 0.1, 0.4, True) for name, unit, _ in calibration.PARAMETERS),
-        robot,
-        100,
-        0,
-        (),
-    )
-    monkeypatch.setattr(calibration, "calibrate", lambda *_: found)
-    fill_disk_for(out / "robot.yaml")
+@pytest.mark.parametrize(("kept", "lost"), [("robot.yaml", "camera.txt"), ("camera.txt", "robot.yaml")])
+def test_a_calibration_is_printed_also_if_it_cannot_be_written(words_of, out, capsys, monkeypatch, kept, lost):
+    def values(names_and_units):
+        return tuple(calibration.CalibratedValue(name, unit, 0.5, 0.1, 0.4, True) for name, unit in names_and_units)
+
+    def found(_steps, robot, camera, _observe):
+        of_robot = values((name, unit) for name, unit, _ in calibration.PARAMETERS)
+        of_lens = values([("fx", "px"), ("k1", "")])
+        return calibrating.CameraAndRobot(
+            of_lens, camera, calibration.Calibration(of_robot, robot, 100, 0, ()), 2, lens_stays=False
+        )
+
+    monkeypatch.setattr(calibrating, "calibrate_all", found)
+    fill_disk_for(out / lost)
     lines, printed = failure(capsys, words_of("calibrate", out))
-    assert lines == [f"error: {out / 'robot.yaml'}: cannot write the calibration: No space left on device"]
-    assert "camera yaw" in printed
+    assert lines == [f"error: {out / lost}: cannot write the calibration: No space left on device"]
+    assert names(out) == {kept}
+    assert "camera yaw" in printed and "fx" in printed
 
 
 def test_a_simulated_bag_stays_if_a_file_beside_it_cannot_be_written(words_of, out, capsys):
