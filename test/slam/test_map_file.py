@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import io
 import json
+import os
 import subprocess
 import sys
 import time
@@ -51,7 +52,9 @@ def test_what_is_killed_while_it_saves_leaves_a_whole_map(site, tmp_path, delay_
     path = tmp_path / "site"
     write_map(path, site)
     before = path.read_bytes()
-    with subprocess.Popen([sys.executable, "-c", SAVE_FOR_EVER, str(path)], stdout=subprocess.PIPE) as saving:
+    command = [sys.executable, "-c", SAVE_FOR_EVER, str(path)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as saving:
         assert saving.stdout.readline() == b"saving\n"
         time.sleep(delay_s)
         saving.kill()
