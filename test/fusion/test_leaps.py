@@ -19,32 +19,42 @@ def seen(number, speed_m_s=0.5, turn_rad_s=0.2, since=1):
 @pytest.fixture
 def leaps():
     leaps = Leaps(OutputConfig())
-    leaps.accept(seen(1))
+    leaps.leaves_out(seen(1), contradicted=False)
     return leaps
 
 
 def test_one_image_that_leaps_back_is_not_confirmed(leaps):
-    assert leaps.see(seen(2, turn_rad_s=4.0))
+    assert leaps.leaves_out(seen(2, turn_rad_s=4.0), contradicted=True)
     assert not leaps.confirms(seen(3, turn_rad_s=-3.6))
-    assert not leaps.see(seen(3, since=2))  # from the image before it, all is well
+    assert not leaps.leaves_out(seen(3, since=2), contradicted=True)  # from the image before it, all is well
 
 
 def test_a_robot_against_a_wall_is_believed_with_the_next_image(leaps):
-    assert leaps.see(seen(2, speed_m_s=0.0))
+    assert leaps.leaves_out(seen(2, speed_m_s=0.0), contradicted=True)
     assert leaps.confirms(seen(3, speed_m_s=0.0))
-    assert not leaps.see(seen(4, speed_m_s=0.0))
+    assert not leaps.leaves_out(seen(4, speed_m_s=0.0), contradicted=True)
 
 
 def test_what_a_robot_is_capable_of_is_no_leap(leaps):
     config = OutputConfig()
     for number in range(2, 10):
         speed = 0.5 - config.acceleration_m_s2 * (number - 1) / 15
-        assert not leaps.see(seen(number, speed_m_s=speed))
+        assert not leaps.leaves_out(seen(number, speed_m_s=speed), contradicted=True)
 
 
 def test_nothing_is_known_of_the_first_motion_nor_of_an_image_that_is_not_related():
     leaps = Leaps(OutputConfig())
-    assert not leaps.see(seen(1, turn_rad_s=10.0))
-    assert leaps.see(seen(2, turn_rad_s=0.0))
+    assert not leaps.leaves_out(seen(1, turn_rad_s=10.0), contradicted=True)
+    assert leaps.leaves_out(seen(2, turn_rad_s=0.0), contradicted=True)
     assert not leaps.confirms(None)
     assert not leaps.confirms(seen(3, turn_rad_s=0.0))  # the leap is forgotten
+
+
+def test_what_the_wheels_agree_with_is_no_leap(leaps):
+    assert not leaps.leaves_out(seen(2, turn_rad_s=4.0), contradicted=False)
+    assert not leaps.leaves_out(seen(3, turn_rad_s=4.0), contradicted=True)  # the next one is judged by it
+
+
+def test_other_accelerations_count_from_then_on(leaps):
+    leaps.configure(OutputConfig(acceleration_rad_s2=100.0))
+    assert not leaps.leaves_out(seen(2, turn_rad_s=4.0), contradicted=True)

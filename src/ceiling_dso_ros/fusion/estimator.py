@@ -3,15 +3,13 @@
 
 The same class serves the ROS node and the offline run. Wheel and camera data need not arrive in the order of their
 stamps: an image is used as soon as a later wheel sample has arrived, a keyframe whenever its optimisation is done.
-
-Long because one class holds the whole state of the live estimate.
 """
 
 import bisect
 import itertools
 from collections import deque
 from dataclasses import replace
-from typing import Deque, List, NamedTuple, Optional, Tuple, Union
+from typing import Deque, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -29,29 +27,18 @@ from ceiling_dso_ros.fusion.leaps import Leaps
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
 from ceiling_dso_ros.fusion.output import LiveOutput
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
-from ceiling_dso_ros.fusion.relative_filter import Sighting
+from ceiling_dso_ros.fusion.seen_motions import SeenMotion, SeenMotions
 from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode
 from ceiling_dso_ros.fusion.state import FusedState, ScaleState
-from ceiling_dso_ros.fusion.twist_filter import MeanTwist
-from ceiling_dso_ros.fusion.visual import VisualMotion
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 from ceiling_dso_ros.fusion.wheel_track import HORIZON_S, WheelTrack
 
-LONGEST_FRAME_GAP_S = 1.0  # images further apart are not compared
 NEXT_IMAGE_NS = nanoseconds(0.6)  # images come at least so often, where most are left out, too
 LONG_BASELINE_NS = nanoseconds(0.5)  # slow wheels that slip contradict images only over some time
 RECENT_FRAMES = 60  # images that are kept to be replayed on a keyframe that comes late
 LONGEST_WAIT_NS = nanoseconds(HORIZON_S)  # of camera data for the wheels: what is older cannot be related to them
-
-
-class _SeenMotion(NamedTuple):
-    """Motion between two images, stamped on the wheels' clock."""
-
-    start_ns: int
-    end_ns: int
-    visual: VisualMotion
 
 
 class FusionEstimator:
@@ -81,6 +68,7 @@ class FusionEstimator:
         noise = self.wheels.noise
         self._track = WheelTrack(noise)
         self._backend = KeyframeBackend(self.robot, self.config, noise, self._keep_history)
+        self._seen = SeenMotions(self._backend, self._track, self.config.visual, self._camera_offset_ns)
         self._health = Health(self.config)
         self._output: Optional[LiveOutput] = None
         self._origin = np.zeros(3)
@@ -143,6 +131,7 @@ class FusionEstimator:
         """
         output.check()
         self.config = replace(self.config, output=output)
+        self._leaps.configure(output)
         if self._output is not None:
             self._output.configure(output)
 
@@ -289,7 +278,7 @@ class FusionEstimator:
         """Let the output continue from a keyframe with the wheels since, and with the images up to a stamp."""
         stamps_ns = [self._on_wheel_clock(status.stamp_ns) for status in self._frames]
         sightings = [
-            self._sighting(status)
+            self._seen.sighting(status)
             for status, stamp_ns in zip(self._frames, stamps_ns)
             if estimate.stamp_ns < stamp_ns <= until_ns
         ]
@@ -300,92 +289,50 @@ class FusionEstimator:
         if self._backend.estimate is None:
             self._backend.begin(status, stamp_ns, self._track)
         leapt, self._leapt = self._leapt, None
-        further = None if leapt is None else self._motion_since(leapt, status)
-        if leapt is not None and self._leaps.confirms(None if further is None else self._speed(further)):
-            self._use_image(output, leapt)
-        if self._has_leapt(status):
+        further = None if leapt is None else self._seen.between(leapt, status)
+        if leapt is not None and self._leaps.confirms(None if further is None else self._seen.speed(further)):
+            self._use_image(output, leapt, self._motion_to(leapt))
+        seen = self._motion_to(status)
+        if seen is not None and self._leaps.leaves_out(self._seen.speed(seen), seen.contradicted):
             self._leapt = status
         else:
-            self._use_image(output, status)
+            self._use_image(output, status, seen)
 
-    def _has_leapt(self, status: OdometryStatus) -> bool:
-        """Whether an image shows a change of speed that the wheels contradict and no robot is capable of."""
+    def _motion_to(self, status: OdometryStatus) -> Optional[SeenMotion]:
+        """Motion from the last image that was used; None where it tells nothing that the wheels could contradict."""
         if not self._frames or not self._backend.scale_known:
-            return False
-        seen = self._motion_since(self._frames[-1], status)
-        if seen is None:
-            return False
-        speed = self._speed(seen)
-        if self._contradicts(seen):
-            return self._leaps.see(speed)
-        self._leaps.accept(speed)
-        return False
+            return None
+        return self._seen.between(self._frames[-1], status)
 
-    def _use_image(self, output: LiveOutput, status: OdometryStatus) -> None:
-        self._compare_frames(output, status)
+    def _use_image(self, output: LiveOutput, status: OdometryStatus, seen: Optional[SeenMotion]) -> None:
+        if seen is not None:
+            self._compare_frames(output, status, seen)
         self._frames.append(status)
-        sighting = None if self._contradiction.camera_doubted else self._sighting(status)
+        sighting = None if self._contradiction.camera_doubted else self._seen.sighting(status)
         if sighting is not None:
             output.correct(sighting)
 
-    def _compare_frames(self, output: LiveOutput, status: OdometryStatus) -> None:
+    def _compare_frames(self, output: LiveOutput, status: OdometryStatus, seen: SeenMotion) -> None:
         """Compare the motion between images with the wheels, which detects slip sooner than that between keyframes."""
-        if not self._frames or not self._backend.scale_known:
-            return
-        seen, contradiction = self._motion_since(self._frames[-1], status), self._contradiction
-        if seen is None:
-            return
+        contradiction = self._contradiction
         was_doubted, motion = contradiction.camera_doubted, seen.visual.base_motion(self.scale.value)
-        if self._contradicts(seen):
+        if seen.contradicted:
             contradiction.found(seen.start_ns, seen.end_ns, motion, at_once=True)
             output.withdraw_wheel_twist(seen.start_ns)
-        elif self._contradicts(self._motion_since(self._frame_before(status), status)):
+        elif self._contradicts_over_long(status):
             contradiction.found(seen.start_ns, seen.end_ns, motion, at_once=False)
         else:
             contradiction.not_found(seen.end_ns, motion)
         if not contradiction.camera_doubted:
-            output.correct_twist(self._speed(seen))
+            output.correct_twist(self._seen.speed(seen))
         elif not was_doubted and contradiction.since_ns is not None:
             self._backend.doubt_camera(contradiction.since_ns)
             if self._backend.estimate is not None:
                 self._restart(output, self._backend.estimate, contradiction.since_ns)
 
-    def _frame_before(self, status: OdometryStatus) -> OdometryStatus:
-        """The oldest image that is not further back than the long baseline."""
-        return next((each for each in self._frames if each.stamp_ns >= status.stamp_ns - LONG_BASELINE_NS), status)
-
-    def _speed(self, seen: _SeenMotion) -> MeanTwist:
-        """Mean speed and yaw rate between two images."""
-        gap_s = seconds(seen.end_ns - seen.start_ns)
-        rate = seen.visual.base_motion(self.scale.value)[::2] / gap_s
-        variances = np.diag(self._sight_covariance(seen.visual))[::2] * 2.0 / gap_s**2
-        return MeanTwist(self._track.end_ns, seen.start_ns, seen.end_ns, rate, np.diag(variances), of_wheels=False)
-
-    def _motion_since(self, before: OdometryStatus, after: OdometryStatus) -> Optional[_SeenMotion]:
-        """Motion between two images; None when they cannot be related, or are too far apart to be compared."""
-        start_ns, end_ns = self._on_wheel_clock(before.stamp_ns), self._on_wheel_clock(after.stamp_ns)
-        if not 0.0 < seconds(end_ns - start_ns) < LONGEST_FRAME_GAP_S:
-            return None
-        visual = self._backend.motion_between(before, after)
-        return None if visual is None else _SeenMotion(start_ns, end_ns, visual)
-
-    def _contradicts(self, seen: Optional[_SeenMotion]) -> bool:
-        if seen is None:
-            return False
-        return self._backend.wheels_contradict(self._track.motion(seen.start_ns, seen.end_ns), seen.visual)
-
-    def _sight_covariance(self, visual: VisualMotion) -> np.ndarray:
-        """(3, 3) covariance of the base's pose as the camera measures it, metres and rad."""
-        scale, metric = self.scale.value, np.diag([self.scale.value, self.scale.value, 1.0])
-        covariance = metric @ visual.noise(self.config.visual) @ metric
-        from_scale = self._backend.log_scale_sigma * scale * (planar.rotation(-visual.yaw) @ visual.shift)
-        covariance[:2, :2] += np.outer(from_scale, from_scale)
-        return covariance
-
-    def _sighting(self, status: OdometryStatus) -> Optional[Sighting]:
-        """Pose of the base relative to the newest keyframe, measured by the camera; None unless the scale is known."""
-        visual = self._backend.motion_of(status) if self._backend.scale_known else None
-        if visual is None:
-            return None
-        stamp_ns, pose = self._on_wheel_clock(status.stamp_ns), visual.base_motion(self.scale.value)
-        return Sighting(stamp_ns, pose, self._sight_covariance(visual))
+    def _contradicts_over_long(self, status: OdometryStatus) -> bool:
+        """The same from the oldest image that is not further back than the long baseline."""
+        oldest_ns = status.stamp_ns - LONG_BASELINE_NS
+        before = next((each for each in self._frames if each.stamp_ns >= oldest_ns), status)
+        seen = self._seen.between(before, status)
+        return seen is not None and seen.contradicted

@@ -21,13 +21,22 @@ class Leaps:
     """
 
     def __init__(self, config: OutputConfig) -> None:
-        self._largest = np.array([config.acceleration_m_s2, config.acceleration_rad_s2])
+        self.configure(config)
         self._last: Optional[MeanTwist] = None
         self._leap: Optional[MeanTwist] = None
 
-    def see(self, seen: MeanTwist) -> bool:
-        """Whether an image that contradicts the wheels has leapt; if not, the next one is judged by it."""
-        if self._last is not None and not self._possible(self._last, seen):
+    def configure(self, config: OutputConfig) -> None:
+        """Let other accelerations count from now on."""
+        self._largest = np.array([config.acceleration_m_s2, config.acceleration_rad_s2])
+
+    def leaves_out(self, seen: MeanTwist, contradicted: bool) -> bool:
+        """Whether an image has leapt; if not, the next one is judged by it.
+
+        Args:
+            seen: its motion since the last image that was used.
+            contradicted: by the wheels; what they agree with is no leap.
+        """
+        if contradicted and self._last is not None and not self._possible(self._last, seen):
             self._leap = seen
             return True
         self._last = seen
@@ -40,10 +49,6 @@ class Leaps:
             return False
         self._last = further
         return True
-
-    def accept(self, seen: MeanTwist) -> None:
-        """Take note of a motion that agrees with the wheels."""
-        self._last = seen
 
     def _possible(self, before: MeanTwist, after: MeanTwist) -> bool:
         between_s = 0.5 * seconds(after.end_ns + after.start_ns - before.end_ns - before.start_ns)

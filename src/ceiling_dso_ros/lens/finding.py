@@ -82,7 +82,9 @@ def find(
         )
     try:
         return _adjusted(keyframes, tracks, wheels, known, guess, known_lens, guess_lens)
-    except np.linalg.LinAlgError as error:
+    except CalibrationError:
+        raise
+    except (ValueError, np.linalg.LinAlgError) as error:  # of scipy and of numpy: no finite solution
         raise CalibrationError(f"the images do not tell the lens ({error}); --keep-lens leaves it as it is") from error
 
 
