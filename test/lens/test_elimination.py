@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.lens.elimination_kernels import add_sightings, point_steps, sighting_scores
+from ceiling_dso_ros.lens.elimination_kernels import Equations, add_sightings, point_steps, sighting_scores
 
 FIRST = np.array([0, 3, 4, 6])
 HOST = np.array([0, 0, 1])
@@ -19,7 +19,7 @@ def problem():
     changes = [rng.normal(size=(len(TARGET), 2, count)) for count in (12, 6, 6, 3)]
     residual = rng.normal(size=(len(TARGET), 2))
     own = np.array([np.diag([2.0, 3.0, 0.5]) + 0.1 for _ in range(POINTS)])
-    return (FIRST, HOST, TARGET, OFFSET, *changes, residual, own, rng.normal(size=(POINTS, 3)))
+    return Equations(FIRST, HOST, TARGET, OFFSET, *changes, residual, own, rng.normal(size=(POINTS, 3)))
 
 
 def dense(problem):
@@ -46,7 +46,7 @@ def test_what_is_left_without_the_points(problem):
     H, b = dense(problem)
     back = np.linalg.inv(H[SIZE:, SIZE:])
     found, scores = np.zeros((SIZE, SIZE)), np.zeros((2, SIZE))
-    add_sightings(*problem, cluster=np.array([0, 1, 0]), H=found, scores=scores)
+    add_sightings(problem, cluster=np.array([0, 1, 0]), H=found, scores=scores)
     np.testing.assert_allclose(found, H[:SIZE, :SIZE] - H[:SIZE, SIZE:] @ back @ H[SIZE:, :SIZE], atol=1e-10)
     np.testing.assert_allclose(scores.sum(axis=0), b[:SIZE] - H[:SIZE, SIZE:] @ back @ b[SIZE:], atol=1e-10)
     assert np.abs(scores).max(axis=1).min() > 0.1
@@ -56,11 +56,11 @@ def test_steps_of_the_points(problem):
     step = np.random.default_rng(1).normal(size=SIZE)
     H, b = dense(problem)
     expected = -np.linalg.solve(H[SIZE:, SIZE:], b[SIZE:] + H[SIZE:, :SIZE] @ step)
-    np.testing.assert_allclose(point_steps(*problem, step=step).ravel(), expected, atol=1e-10)
+    np.testing.assert_allclose(point_steps(problem, step=step).ravel(), expected, atol=1e-10)
 
 
 def test_gradients_of_sightings_are_parts_of_the_whole(problem):
     whole, parts = np.zeros((1, SIZE)), np.zeros((3, SIZE))
-    add_sightings(*problem, cluster=np.zeros(POINTS, np.int64), H=np.zeros((SIZE, SIZE)), scores=whole)
-    sighting_scores(*problem, group=np.array([0, 1, 2, 0, 1, 2]), host_group=np.array([2, 0, 1]), scores=parts)
+    add_sightings(problem, cluster=np.zeros(POINTS, np.int64), H=np.zeros((SIZE, SIZE)), scores=whole)
+    sighting_scores(problem, group=np.array([0, 1, 2, 0, 1, 2]), host_group=np.array([2, 0, 1]), scores=parts)
     np.testing.assert_allclose(parts.sum(axis=0), whole[0], atol=1e-10)

@@ -14,6 +14,7 @@ from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.lens.checking import LensCheck
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.slam.site_map import SiteMap
@@ -82,13 +83,11 @@ def execute(options: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from ceiling_dso_ros.dso.config import OdometryConfig
-    from ceiling_dso_ros.dso.warmup import load_kernels
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.frame_rate import parse_frame_rate
     from ceiling_dso_ros.io.image_scaling import parse_image_size
     from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.lens.checking import LensCheck
-    from ceiling_dso_ros.lens.warmup import load_kernels as load_kernels_of_lens
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
@@ -127,9 +126,7 @@ def execute(options: argparse.Namespace) -> None:
     for name, values in settings.items():
         write_settings(options.out / name, values)
 
-    load_kernels(lambda message: print(message, file=sys.stderr))
-    if check is not None:
-        load_kernels_of_lens(lambda message: print(message, file=sys.stderr))
+    _load_kernels(of_lens=check is not None)
     end = COMPLETE
     try:
         # disable=None: no bar where stderr is no terminal
@@ -139,9 +136,8 @@ def execute(options: argparse.Namespace) -> None:
         with tqdm(listed, total=total, unit="frame", disable=None) as frames:
             playback.play(frames)
         _explain_missing_poses(playback, recording, fusion is not None)
-        problem = None if check is None else check.problem()
-        if problem is not None:
-            warnings.add(f"{recording.path}: {problem}")
+        if check is not None:
+            _warn_of_lens(check, playback, recording)
         if site is not None and fusion is not None:
             _write_mapped(options, site, playback, fusion)
     except BaseException as error:
@@ -151,6 +147,20 @@ def execute(options: argparse.Namespace) -> None:
         warnings.end()
         if len(playback.timing):
             _write(playback, options.out, end)
+
+
+def _load_kernels(of_lens: bool) -> None:
+    from ceiling_dso_ros.dso import warmup
+    from ceiling_dso_ros.lens import warmup as lens_warmup
+
+    for kernels in (warmup, lens_warmup) if of_lens else (warmup,):
+        kernels.load_kernels(lambda message: print(message, file=sys.stderr))
+
+
+def _warn_of_lens(check: "LensCheck", playback: "Playback", recording: "Recording") -> None:
+    problem = check.problem()
+    if problem is not None:
+        playback.warnings.add(f"{recording.path}: {problem}")
 
 
 def _write_mapped(options: argparse.Namespace, site: "SiteMap", playback: "Playback", fusion: "FusionPlayback") -> None:

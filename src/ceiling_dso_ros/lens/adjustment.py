@@ -146,7 +146,7 @@ class Adjustment:
     def _scores_of(self, system: _System, parts: Tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """(parts, N) gradients of what was seen in each part of the image."""
         scores = np.zeros((PARTS[0] * PARTS[1], self._size))
-        sighting_scores(*system.whitened, group=parts[0], host_group=parts[1], scores=scores)
+        sighting_scores(system.whitened, group=parts[0], host_group=parts[1], scores=scores)
         return scores
 
     def _shifted(self, system: _System, state: DriveState, noise: Noise, shift: np.ndarray) -> _System:
@@ -180,7 +180,7 @@ class Adjustment:
         gradient[:OF_DRIVE] += self.prior.information @ self.prior.deviation(state)
         try:
             step = -cho_solve(cho_factor(H, overwrite_a=True), gradient)
-            points = point_steps(*system.whitened, step=step)
+            points = point_steps(system.whitened, step=step)
             return state.moved(step[:OF_DRIVE], step[OF_DRIVE:].reshape(-1, OF_KEYFRAME), points)
         except (ValueError, np.linalg.LinAlgError):
             return None
@@ -211,7 +211,7 @@ class Adjustment:
             own,
             pull,
         )
-        add_sightings(*equations, cluster=self._cluster[self.tracks.host], H=H, scores=scores)
+        add_sightings(equations, cluster=self._cluster[self.tracks.host], H=H, scores=scores)
         add_terms(floor_terms(state, noise.floor, OF_DRIVE), H, scores, self._cluster)
         weights, _ = self._wheel_weights(state, noise)
         add_terms(self.wheels.terms(state, noise.wheels, weights, OF_DRIVE), H, scores, self._cluster)

@@ -17,7 +17,15 @@ OF_SIGHTING = ALWAYS + KEYFRAME
 
 
 class Equations(NamedTuple):
-    """What all kernels of this module take first; see `add_sightings`."""
+    """The sightings of all points, linearised and whitened.
+
+    Attributes:
+        first, host, target: of `Tracks`.
+        offset: number of the first keyframe's first unknown.
+        of_camera, of_host, of_target, of_point: derivatives (M, 2, .).
+        residual: (M, 2).
+        own, pull: (P, 3, 3) and (P, 3), information and gradient of each point alone.
+    """
 
     first: np.ndarray
     host: np.ndarray
@@ -45,20 +53,24 @@ def _inverse(H: np.ndarray, result: np.ndarray) -> None:
 
 @kernel
 def _gather(
-    start: int, end: int, of_camera: np.ndarray, of_host: np.ndarray, of_target: np.ndarray, of_point: np.ndarray,
-    residual: np.ndarray, H: np.ndarray, g: np.ndarray, mixed: np.ndarray, own: np.ndarray, b: np.ndarray,
+    equations: Equations, p: int, H: np.ndarray, g: np.ndarray, mixed: np.ndarray, own: np.ndarray, b: np.ndarray,
     whole: bool,
 ) -> int:  # fmt: skip
     """Add the sightings of one point to its small arrays; returns how many unknowns they have.
 
     Args:
-        start, end: of its sightings.
-        of_camera, of_host, of_target, of_point, residual: see `add_sightings`.
+        equations: of all points.
+        p: the point.
         H, g: (n, n) lower half and (n,), set, if they are wanted.
         mixed: (n, 3) with the point, set.
-        own, b: (3, 3) and (3,) of the point, changed.
+        own, b: (3, 3) and (3,) of the point, set.
         whole: they are wanted.
     """
+    start, end = equations.first[p], equations.first[p + 1]
+    of_camera, of_host, of_target, of_point, residual = (
+        equations.of_camera, equations.of_host, equations.of_target, equations.of_point, equations.residual,
+    )  # fmt: skip
+    own[:], b[:] = equations.own[p], equations.pull[p]
     size = ALWAYS + KEYFRAME * (end - start)
     mixed[:size] = 0.0
     if whole:
@@ -93,52 +105,44 @@ def _gather(
 
 
 @kernel_inlined
-def _unknown(i: int, first: int, host: int, target: np.ndarray, offset: int) -> int:
-    """Number of an unknown of the small arrays among all unknowns."""
+def _unknown(equations: Equations, p: int, i: int) -> int:
+    """Number of an unknown of a point's small arrays among all unknowns."""
     if i < CAMERA:
         return i
     if i < ALWAYS:
-        return offset + KEYFRAME * host + i - CAMERA
+        return equations.offset + KEYFRAME * equations.host[p] + i - CAMERA
     number = (i - ALWAYS) // KEYFRAME
-    return offset + KEYFRAME * target[first + number] + i - ALWAYS - KEYFRAME * number
+    keyframe = equations.target[equations.first[p] + number]
+    return equations.offset + KEYFRAME * keyframe + i - ALWAYS - KEYFRAME * number
 
 
 @kernel
-def _arrays(first: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Small arrays for the point with the most sightings."""
+def _arrays(first: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Small arrays H, g, mixed, own and b as in `_gather` for the point with the most sightings, and own's inverse."""
     most = ALWAYS + KEYFRAME * np.max(np.diff(first))
-    return np.zeros((most, most)), np.zeros(most), np.zeros((most, POINT))
+    return (
+        np.zeros((most, most)), np.zeros(most), np.zeros((most, POINT)),
+        np.zeros((POINT, POINT)), np.zeros(POINT), np.zeros((POINT, POINT)),
+    )  # fmt: skip
 
 
 @kernel
-def add_sightings(
-    first: np.ndarray, host: np.ndarray, target: np.ndarray, offset: int, of_camera: np.ndarray, of_host: np.ndarray,
-    of_target: np.ndarray, of_point: np.ndarray, residual: np.ndarray, own: np.ndarray, pull: np.ndarray,
-    cluster: np.ndarray, H: np.ndarray, scores: np.ndarray,
-) -> None:  # fmt: skip
+def add_sightings(equations: Equations, cluster: np.ndarray, H: np.ndarray, scores: np.ndarray) -> None:
     """Add to the normal equations of lens, mount and keyframes.
 
     Args:
-        first, host, target: of `Tracks`.
-        offset: number of the first keyframe's first unknown.
-        of_camera, of_host, of_target, of_point: derivatives (M, 2, .), whitened.
-        residual: (M, 2) whitened.
-        own, pull: (P, 3, 3) and (P, 3), information and gradient of each point alone.
+        equations: of all points.
         cluster: (P,) row of `scores` to which a point's gradient is added.
         H: (N, N) changed.
         scores: (C, N) changed; their sum is the gradient.
     """
-    small, g, mixed = _arrays(first)
+    small, g, mixed, own, b, inverse = _arrays(equations.first)
     index, weighted = np.empty(g.size, np.int64), np.empty((g.size, POINT))
-    inverse = np.empty((POINT, POINT))
-    for p in range(first.size - 1):
-        own_p, b = own[p].copy(), pull[p].copy()
-        size = _gather(
-            first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, True
-        )
-        _inverse(own_p, inverse)
+    for p in range(equations.host.size):
+        size = _gather(equations, p, small, g, mixed, own, b, True)
+        _inverse(own, inverse)
         for i in range(size):
-            index[i] = _unknown(i, first[p], host[p], target, offset)
+            index[i] = _unknown(equations, p, i)
             for k in range(POINT):
                 weighted[i, k] = mixed[i, 0] * inverse[0, k] + mixed[i, 1] * inverse[1, k] + mixed[i, 2] * inverse[2, k]
         score = scores[cluster[p]]
@@ -153,23 +157,15 @@ def add_sightings(
 
 
 @kernel
-def point_steps(
-    first: np.ndarray, host: np.ndarray, target: np.ndarray, offset: int, of_camera: np.ndarray, of_host: np.ndarray,
-    of_target: np.ndarray, of_point: np.ndarray, residual: np.ndarray, own: np.ndarray, pull: np.ndarray,
-    step: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """(P, 3) steps of the points that belong to a step (N,) of all the others; arguments as of `add_sightings`."""
-    result = np.zeros((first.size - 1, POINT))
-    small, g, mixed = _arrays(first)
-    inverse = np.empty((POINT, POINT))
-    for p in range(first.size - 1):
-        own_p, b = own[p].copy(), pull[p].copy()
-        size = _gather(
-            first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, False
-        )
-        _inverse(own_p, inverse)
+def point_steps(equations: Equations, step: np.ndarray) -> np.ndarray:
+    """(P, 3) steps of the points that belong to a step (N,) of all the others."""
+    result = np.zeros((equations.host.size, POINT))
+    small, g, mixed, own, b, inverse = _arrays(equations.first)
+    for p in range(equations.host.size):
+        size = _gather(equations, p, small, g, mixed, own, b, False)
+        _inverse(own, inverse)
         for i in range(size):
-            moved = step[_unknown(i, first[p], host[p], target, offset)]
+            moved = step[_unknown(equations, p, i)]
             for k in range(POINT):
                 b[k] += mixed[i, k] * moved
         for k in range(POINT):
@@ -178,46 +174,35 @@ def point_steps(
 
 
 @kernel
-def sighting_scores(
-    first: np.ndarray, host: np.ndarray, target: np.ndarray, offset: int, of_camera: np.ndarray, of_host: np.ndarray,
-    of_target: np.ndarray, of_point: np.ndarray, residual: np.ndarray, own: np.ndarray, pull: np.ndarray,
-    group: np.ndarray, host_group: np.ndarray, scores: np.ndarray,
-) -> None:  # fmt: skip
+def sighting_scores(equations: Equations, group: np.ndarray, host_group: np.ndarray, scores: np.ndarray) -> None:
     """Add the gradient of each sighting and of each host's pixel, with the point eliminated, to rows of their groups.
 
     Args:
+        equations: of all points.
         group: (M,) row of each sighting.
         host_group: (P,) row of each point's own gradient.
         scores: (G, N) changed.
-        first, host, target, offset, of_camera, of_host, of_target, of_point, residual, own, pull: see `add_sightings`.
     """
-    small, g, mixed = _arrays(first)
-    inverse = np.empty((POINT, POINT))
-    for p in range(first.size - 1):
-        own_p, b = own[p].copy(), pull[p].copy()
-        size = _gather(
-            first[p], first[p + 1], of_camera, of_host, of_target, of_point, residual, small, g, mixed, own_p, b, False
-        )
-        _inverse(own_p, inverse)
-        x = inverse @ pull[p]
+    small, g, mixed, own, b, inverse = _arrays(equations.first)
+    offset, of_point, residual = equations.offset, equations.of_point, equations.residual
+    for p in range(equations.host.size):
+        size = _gather(equations, p, small, g, mixed, own, b, False)
+        _inverse(own, inverse)
+        x = inverse @ equations.pull[p]
         score = scores[host_group[p]]
         for i in range(size):
-            score[_unknown(i, first[p], host[p], target, offset)] -= (
-                mixed[i, 0] * x[0] + mixed[i, 1] * x[1] + mixed[i, 2] * x[2]
-            )
-        for m in range(first[p], first[p + 1]):
+            score[_unknown(equations, p, i)] -= mixed[i, 0] * x[0] + mixed[i, 1] * x[1] + mixed[i, 2] * x[2]
+        for m in range(equations.first[p], equations.first[p + 1]):
             score = scores[group[m]]
             for k in range(POINT):
                 b[k] = of_point[m, 0, k] * residual[m, 0] + of_point[m, 1, k] * residual[m, 1]
             x = inverse @ b
             for i in range(size):
-                score[_unknown(i, first[p], host[p], target, offset)] -= (
-                    mixed[i, 0] * x[0] + mixed[i, 1] * x[1] + mixed[i, 2] * x[2]
-                )
+                score[_unknown(equations, p, i)] -= mixed[i, 0] * x[0] + mixed[i, 1] * x[1] + mixed[i, 2] * x[2]
             for axis in range(2):
                 r = residual[m, axis]
                 for k in range(CAMERA):
-                    score[k] += of_camera[m, axis, k] * r
+                    score[k] += equations.of_camera[m, axis, k] * r
                 for k in range(KEYFRAME):
-                    score[offset + KEYFRAME * host[p] + k] += of_host[m, axis, k] * r
-                    score[offset + KEYFRAME * target[m] + k] += of_target[m, axis, k] * r
+                    score[offset + KEYFRAME * equations.host[p] + k] += equations.of_host[m, axis, k] * r
+                    score[offset + KEYFRAME * equations.target[m] + k] += equations.of_target[m, axis, k] * r

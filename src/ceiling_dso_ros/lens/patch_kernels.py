@@ -25,6 +25,68 @@ LEAST_EXPLAINED = 0.7  # of the patch's contrast
 
 
 @kernel
+def _take_patch(host: np.ndarray, width: int, u: int, v: int, grey: np.ndarray) -> float:
+    """Grey values of the host's patch less their mean, into (SIDE * SIDE,); returns the sum of their squares."""
+    mean = 0.0
+    for row in range(SIDE):
+        for column in range(SIDE):
+            value = host[(v + row - RADIUS) * width + u + column - RADIUS]
+            grey[row * SIDE + column] = value
+            mean += value
+    mean /= SIDE * SIDE
+    contrast = 0.0
+    for k in range(SIDE * SIDE):
+        grey[k] -= mean
+        contrast += grey[k] * grey[k]
+    return contrast
+
+
+@kernel
+def _linearize(
+    target: np.ndarray, width: int, u: float, v: float, warp: np.ndarray, grey: np.ndarray, contrast: float,
+    sums: np.ndarray,
+) -> Tuple[float, float, float, float, float, float, float]:  # fmt: skip
+    """Equations of a shift at (u, v), with gain and offset eliminated.
+
+    Returns:
+        xx, xy, yy, bx, by of the normal equations, the squares that are left, and the explained share of the contrast.
+    """
+    sums[:] = 0.0
+    for row in range(SIDE):
+        for column in range(SIDE):
+            ox, oy = float(column - RADIUS), float(row - RADIUS)
+            value, gx, gy = sample_gradient(
+                target,
+                width,
+                np.float32(u + warp[0, 0] * ox + warp[0, 1] * oy),
+                np.float32(v + warp[1, 0] * ox + warp[1, 1] * oy),
+            )
+            h = grey[row * SIDE + column]
+            sums[0] += gx
+            sums[1] += gy
+            sums[2] += value
+            sums[3] += gx * gx
+            sums[4] += gx * gy
+            sums[5] += gy * gy
+            sums[6] += gx * value
+            sums[7] += gy * value
+            sums[8] += gx * h
+            sums[9] += gy * h
+            sums[10] += value * h
+            sums[11] += value * value
+    n = float(SIDE * SIDE)
+    xx = sums[3] - sums[0] * sums[0] / n - sums[8] * sums[8] / contrast
+    xy = sums[4] - sums[0] * sums[1] / n - sums[8] * sums[9] / contrast
+    yy = sums[5] - sums[1] * sums[1] / n - sums[9] * sums[9] / contrast
+    bx = sums[6] - sums[0] * sums[2] / n - sums[8] * sums[10] / contrast
+    by = sums[7] - sums[1] * sums[2] / n - sums[9] * sums[10] / contrast
+    spread = sums[11] - sums[2] * sums[2] / n
+    error = spread - sums[10] * sums[10] / contrast
+    explained = 1.0 - error / spread if sums[10] > 0.0 and spread > 0.0 else 0.0
+    return xx, xy, yy, bx, by, error, explained
+
+
+@kernel
 def align_patches(
     host: np.ndarray, target: np.ndarray, width: int, height: int, pixels: np.ndarray, warps: np.ndarray,
     guesses: np.ndarray,
@@ -51,17 +113,7 @@ def align_patches(
     for i in range(count):
         if not math.isfinite(guesses[i, 0]):
             continue
-        mean = 0.0
-        for row in range(SIDE):
-            for column in range(SIDE):
-                y, x = pixels[i, 1] + row - RADIUS, pixels[i, 0] + column - RADIUS
-                grey[row * SIDE + column] = host[y * width + x]
-                mean += host[y * width + x]
-        mean /= SIDE * SIDE
-        contrast = 0.0
-        for k in range(SIDE * SIDE):
-            grey[k] -= mean
-            contrast += grey[k] * grey[k]
+        contrast = _take_patch(host, width, pixels[i, 0], pixels[i, 1], grey)
         if contrast < SIDE * SIDE:
             continue
         a, b, c, d = warps[i, 0, 0], warps[i, 0, 1], warps[i, 1, 0], warps[i, 1, 1]
@@ -73,35 +125,7 @@ def align_patches(
             if not (reach_x < u < width - 1 - reach_x and reach_y < v < height - 1 - reach_y):
                 step = 1.0
                 break
-            sums[:] = 0.0
-            for row in range(SIDE):
-                for column in range(SIDE):
-                    ox, oy = float(column - RADIUS), float(row - RADIUS)
-                    value, gx, gy = sample_gradient(
-                        target, width, np.float32(u + a * ox + b * oy), np.float32(v + c * ox + d * oy)
-                    )
-                    h = grey[row * SIDE + column]
-                    sums[0] += gx
-                    sums[1] += gy
-                    sums[2] += value
-                    sums[3] += gx * gx
-                    sums[4] += gx * gy
-                    sums[5] += gy * gy
-                    sums[6] += gx * value
-                    sums[7] += gy * value
-                    sums[8] += gx * h
-                    sums[9] += gy * h
-                    sums[10] += value * h
-                    sums[11] += value * value
-            n = float(SIDE * SIDE)
-            xx = sums[3] - sums[0] * sums[0] / n - sums[8] * sums[8] / contrast
-            xy = sums[4] - sums[0] * sums[1] / n - sums[8] * sums[9] / contrast
-            yy = sums[5] - sums[1] * sums[1] / n - sums[9] * sums[9] / contrast
-            bx = sums[6] - sums[0] * sums[2] / n - sums[8] * sums[10] / contrast
-            by = sums[7] - sums[1] * sums[2] / n - sums[9] * sums[10] / contrast
-            spread = sums[11] - sums[2] * sums[2] / n
-            error = spread - sums[10] * sums[10] / contrast
-            explained = 1.0 - error / spread if sums[10] > 0.0 and spread > 0.0 else 0.0
+            xx, xy, yy, bx, by, error, explained = _linearize(target, width, u, v, warps[i], grey, contrast, sums)
             more = DAMPING * (xx + yy) + 1e-9
             determinant = (xx + more) * (yy + more) - xy * xy
             du, dv = -((yy + more) * bx - xy * by) / determinant, -((xx + more) * by - xy * bx) / determinant

@@ -49,9 +49,9 @@ def warm_up() -> bool:
     )
     size = CAMERA + 2 * KEYFRAME
     groups, none = np.zeros(sightings, np.int64), np.zeros(points, np.int64)
-    add_sightings(*equations, cluster=none, H=np.zeros((size, size)), scores=np.zeros((1, size)))
-    sighting_scores(*equations, group=groups, host_group=none, scores=np.zeros((1, size)))
-    steps = point_steps(*equations, step=np.ones(size))
+    add_sightings(equations, cluster=none, H=np.zeros((size, size)), scores=np.zeros((1, size)))
+    sighting_scores(equations, group=groups, host_group=none, scores=np.zeros((1, size)))
+    steps = point_steps(equations, step=np.ones(size))
     return sightings > 0 and bool(np.isfinite(steps).all())
 
 
