@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ceiling_dso_ros.simulation.recording import SimulatedRecording
     from ceiling_dso_ros.simulation.sensors.measurements import Measurement
 
-EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker; each as
+EPILOG = """events: slip, lights_off, lights_on, cover, bump, drop_frames, flicker, kidnap; each as
 NAME[@START][+DURATION] in seconds. Files beside FILE.bag: FILE.groundtruth.tum (camera), FILE.groundtruth_base.tum,
 FILE.truth.yaml (all true values) and FILE.robot.yaml (the nominal robot, for `run --robot`)."""
 

@@ -9,7 +9,7 @@ from ceiling_dso_ros.simulation.camera import frame_jitter_s
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.driving.commanded import STEP_S, CommandedMotion
 from ceiling_dso_ros.simulation.driving.sequences import drawn_sequence
-from ceiling_dso_ros.simulation.events import Event, is_dropped, parse_events, parse_live_event
+from ceiling_dso_ros.simulation.events import Event, EventError, is_dropped, parse_events, parse_live_event
 from ceiling_dso_ros.simulation.robot import NOMINAL
 from ceiling_dso_ros.simulation.sensors.encoders import WHEEL_HZ, EncoderPair
 from ceiling_dso_ros.simulation.sensors.laser import SCAN_HZ, SWEEP_S, LaserScanner
@@ -47,7 +47,7 @@ class ClosedLoop(World):
         """
         config.check()
         self.duration_s = config.duration_s or np.inf
-        events = parse_events(config.events, self.duration_s)
+        events = [_without_carrying(event) for event in parse_events(config.events, self.duration_s)]
         start = drawn_sequence(config.sequence, stream_of(config, "start")).start
         true = config.wheels.applied(NOMINAL)
         self.motion = CommandedMotion(start, NOMINAL, true, events, hall_of(config).obstacles)
@@ -77,7 +77,7 @@ class ClosedLoop(World):
         Raises:
             EventError: the text is no event.
         """
-        event = parse_live_event(text, self.now_s, self.events)
+        event = _without_carrying(parse_live_event(text, self.now_s, self.events))
         self.events.append(event)
         self.events.sort(key=lambda each: each.start_s)
         return event
@@ -115,3 +115,14 @@ class ClosedLoop(World):
 
     def _next_frame_s(self) -> float:
         return float((self._frame_count + 1) / self.config.camera.fps + frame_jitter_s(self._frame_rng, 1)[0])
+
+
+def _without_carrying(event: Event) -> Event:
+    """The event.
+
+    Raises:
+        EventError: the robot would be carried: to where the rest of its drive fits must be known before.
+    """
+    if event.kind == "kidnap":
+        raise EventError("'kidnap': only a planned drive can go on elsewhere")
+    return event

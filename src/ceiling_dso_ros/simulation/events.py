@@ -54,6 +54,7 @@ KINDS: Dict[str, Kind] = {
     "bump": Kind((0.3, 0.6), 0.6, "the robot drives over a cable: it pitches and bounces"),
     "drop_frames": Kind((0.35,), 2.0, "most images are lost"),
     "flicker": Kind((0.3,), 5.0, "the lamps flicker at twice the mains frequency"),
+    "kidnap": Kind((0.5,), 4.0, "the robot is carried elsewhere while its wheels go on with the plan"),
 }
 PATTERN = re.compile(r"(?P<kind>[a-z_]+)(@(?P<start>[0-9.]+))?(\+(?P<duration>[0-9.]+))?")
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ceiling_dso_ros.simulation.camera import frame_jitter_s
 from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.driving.carried import carried
 from ceiling_dso_ros.simulation.driving.sequences import plan
 from ceiling_dso_ros.simulation.events import is_dropped, parse_events
 from ceiling_dso_ros.simulation.obstacles import Obstacles
@@ -26,7 +27,7 @@ from ceiling_dso_ros.simulation.sensors.measurements import (
     WheelReading,
     stamp_ns,
 )
-from ceiling_dso_ros.simulation.world import World, stream_of
+from ceiling_dso_ros.simulation.world import World, hall_of, stream_of
 
 IMU_HZ = 200.0
 RENDER_THREADS, FRAMES_AHEAD = 2, 4
@@ -52,7 +53,9 @@ class Simulation(World):
         config.check()
         self._motion = plan(config.sequence, config.duration_s, stream_of(config, "start"))
         self.duration_s = config.duration_s or self._motion.duration_s
-        super().__init__(config, self._motion, parse_events(config.events, self.duration_s))
+        events = parse_events(config.events, self.duration_s)
+        places = stream_of(config, "kidnap")
+        super().__init__(config, carried(self._motion, events, hall_of(config).size_m, places), events)
 
     @cached_property
     def frame_times_s(self) -> np.ndarray:
@@ -67,7 +70,7 @@ class Simulation(World):
     @cached_property
     def obstacles(self) -> Obstacles:
         """What stands and moves on the floor."""
-        return self.obstacles_around(self._motion, self.duration_s)
+        return self.obstacles_around(self.robot.motion, self.duration_s)
 
     @cached_property
     def encoders(self) -> Encoders:
@@ -112,7 +115,7 @@ class Simulation(World):
     def scans_of(self, scanner: LaserScanner) -> Iterator[ScanReading]:
         """All sweeps of a scanner."""
         for time_s in np.arange(0.05, self.duration_s - SWEEP_S, 1.0 / SCAN_HZ):
-            yield ScanReading(stamp_ns(time_s), scanner.sweep(self._motion, time_s))
+            yield ScanReading(stamp_ns(time_s), scanner.sweep(self.robot.motion, time_s))
 
     def imu_readings(self) -> Iterator[ImuReading]:
         """All readings of the inertial unit, none if there is none."""
