@@ -5,10 +5,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from simulated_drive import RATE_HZ, Drive, encoder_ticks, record_camera, true_motion
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
 
@@ -81,6 +83,42 @@ def test_a_robot_that_stands_with_turning_wheels_slips_until_the_camera_is_doubt
     }
     still = [state for state in fused.states if 0.5 < (state.stamp_ns - begin_ns) * 1e-9 < 1.8]
     assert np.hypot(*planar.between(still[0].pose, still[-1].pose)[:2]) < 0.1
+
+
+def stopped_for_a_while(sequence, truth, begin_s, length_s, stands):
+    """The camera shows one picture for a time, as the robot stands with turning wheels, or as its driver hangs."""
+    poses, v, w = true_motion(sequence, 30.0)
+    robot, rng = RobotModel(truth.T_base_camera, 0.485, (0.098, 0.098), 4096.0), np.random.default_rng(5)
+    stamps = 1_000 * 10**9 + np.rint(np.arange(len(poses)) * (1e9 / RATE_HZ)).astype(np.int64)
+    begin, length = int(begin_s * RATE_HZ), int(length_s * RATE_HZ)
+    now = np.arange(len(poses))
+    standing = np.where(now < begin, now, np.maximum(now - length, begin))
+    frozen_now = np.where((now < begin) | (now >= begin + length), now, begin)
+    true = poses[standing] if stands else poses
+    rolled = v if not stands else np.where((now >= begin) & (now < begin + length), 0.8, v[standing % len(v)])[: len(v)]
+    turned = w if not stands else np.where(now[: len(w)] < begin, w, w[standing[: len(w)] % len(w)])
+    ticks = encoder_ticks(stamps, rolled, turned, robot, truth, rng)
+    statuses, units = record_camera(stamps, true if stands else poses[frozen_now], truth, rng)
+    return Drive(robot, stamps, true, ticks, statuses, units)
+
+
+@pytest.mark.parametrize("sequence", ["straight", "square"])
+@pytest.mark.parametrize("stands", [False, True])
+@pytest.mark.parametrize("length_s", [1.5, 5.0])
+def test_once_the_camera_moves_again_it_tells_whether_the_robot_stood(truth, fuse, sequence, stands, length_s):
+    """While it shows one picture nobody knows; the motion from before to after is right in both cases."""
+    drive = stopped_for_a_while(sequence, truth(), 8.0, length_s, stands)
+    fused = fuse(drive)
+    start_ns, off = int(drive.stamps[0]), []
+    for state in fused.states:
+        error = (state.pose - drive.pose_at(state.stamp_ns))[:2]
+        sigmas = np.sqrt(error @ np.linalg.solve(state.covariance[:2, :2], error))
+        if "wheels: slip" not in state.reasons and np.hypot(*error) > 0.05 and sigmas > 4.0:
+            off.append(seconds(state.stamp_ns - start_ns))
+    assert not off
+    largest = 0.1 if stands else 0.3  # a camera that hangs leaves the wheels alone
+    assert np.hypot(*error) < largest
+    assert np.sqrt(np.trace(state.covariance[:2, :2])) < 0.2 if stands else 1.0
 
 
 def test_a_brief_time_without_a_pose_is_no_reason(loops, fuse):

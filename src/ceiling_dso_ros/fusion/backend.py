@@ -69,6 +69,11 @@ class KeyframeBackend:
         return bool(self._graph.intervals) and self._graph.intervals[-1].wheels_slip
 
     @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest keyframe in the graph."""
+        return self._graph.intervals[-1].stamp_ns if self._graph.intervals else LONG_AGO_NS
+
+    @property
     def segment(self) -> int:
         """Segment of the newest keyframe in the graph, -1 before the first."""
         return self._chain.segment
@@ -128,13 +133,10 @@ class KeyframeBackend:
         if wheels is None:
             return None
         visual, end = self._motion_to(keyframe, covariance), self._graph.newest + 1
-        if not use_camera:
-            visual = None
-            self._refused.append(end)
         continues = self._chain.continues(keyframe)
         log_scale = math.nan if continues else self._height.log_scale(keyframe.depth)
         measured = Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth, log_scale=log_scale)
-        interval = self._judged(measured)
+        interval = self._judged(measured) if use_camera else self._without_camera(measured)
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
         self._withdraw_taken_back(interval)
@@ -150,10 +152,10 @@ class KeyframeBackend:
 
     def doubt_camera(self, since_ns: int) -> None:
         """Withdraw the camera's motions to the keyframes since then, and the slips that they told."""
-        doubted = [interval.end for interval in self._graph.intervals if interval.stamp_ns > since_ns]
-        for end in doubted:
-            self._graph.revise(end, visual=None, wheels_slip=False)
-        self._refused.extend(doubted)
+        doubted = [interval for interval in self._graph.intervals if interval.stamp_ns > since_ns]
+        for interval in doubted:
+            unused = self._without_camera(interval)
+            self._graph.revise(interval.end, visual=None, wheels_slip=False, doubt=unused.doubt)
         if self.estimate is not None and doubted:
             self.monitor.forget(since_ns)
             self.estimate = self._estimate()
@@ -258,6 +260,7 @@ class KeyframeBackend:
         is known, it has not agreed with the wheels for long enough: if it contradicts them, it is not used. As it may
         be right all the same, and the wheels slip or are stuck, their noise covers what it tells.
         """
+        self._doubts.camera_is_used()
         if not interval.continues:
             self._doubts.forget()
             self._height.begin_segment()
@@ -273,6 +276,13 @@ class KeyframeBackend:
         if slips:
             self._doubts.suspect_before(interval, scale)
         return replace(interval, wheels_slip=slips)
+
+    def _without_camera(self, interval: Interval) -> Interval:
+        """The interval by the wheels, where the camera may be frozen; their error covers that the robot stood."""
+        self._refused.append(interval.end)
+        if interval.visual is None or self.estimate is None:
+            return interval
+        return self._doubts.stood_or_drove(interval, math.exp(self.estimate.log_scale))
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
         """An interval without camera: the wheels' motion, corrected by `WheelBias`."""

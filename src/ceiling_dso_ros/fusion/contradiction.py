@@ -24,6 +24,7 @@ class Contradiction:
     Attributes:
         since_ns: since when all images have contradicted the wheels, nanoseconds; None when the last one did not.
         camera_doubted: the camera's motions are not used.
+        doubted_since_ns: since when it has been doubted, or was the last time, nanoseconds.
     """
 
     def __init__(self, config: SlipConfig) -> None:
@@ -32,6 +33,7 @@ class Contradiction:
         self._way = np.zeros(3)  # of the base by the camera, since it began to contradict the wheels
         self.since_ns: Optional[int] = None
         self.camera_doubted = False
+        self.doubted_since_ns = LONG_AGO_NS
 
     def lasts(self, now_ns: int) -> bool:
         """Whether the wheels contradict the images now."""
@@ -53,7 +55,8 @@ class Contradiction:
         if self.since_ns is None:
             self.since_ns = start_ns
         self._follow(end_ns, seen)
-        self.camera_doubted = self.camera_doubted or end_ns - self.since_ns > self._longest_ns
+        if not self.camera_doubted and end_ns - self.since_ns > self._longest_ns:
+            self.camera_doubted, self.doubted_since_ns = True, self.since_ns
 
     def not_found(self, end_ns: int, seen: np.ndarray) -> None:
         """Take note of images that do not contradict the wheels."""
@@ -66,7 +69,12 @@ class Contradiction:
             self._way = np.zeros(3)
             return
         self._way = planar.compose(self._way, seen)
-        if np.hypot(*self._way[:2]) > STANDS_M or abs(self._way[2]) > STANDS_RAD:
+        if has_moved(self._way):
             self._way, self.camera_doubted = np.zeros(3), False
             if self.since_ns is not None:
                 self.since_ns = end_ns
+
+
+def has_moved(motion: np.ndarray) -> bool:
+    """Whether a (3,) motion of the base by the camera is more than that of a camera that vibrates."""
+    return bool(np.hypot(*motion[:2]) > STANDS_M or abs(motion[2]) > STANDS_RAD)

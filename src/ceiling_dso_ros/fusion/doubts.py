@@ -23,6 +23,7 @@ class Doubts:
     def __init__(self, graph: WindowGraph, monitor: SlipMonitor) -> None:
         self._graph, self._monitor = graph, monitor
         self._intervals: List[Interval] = []  # as the camera tells
+        self._without_camera = 0  # intervals so far in which it may be frozen
 
     def __bool__(self) -> bool:
         """Whether there are any."""
@@ -35,15 +36,28 @@ class Doubts:
     def refused(self, interval: Interval, scale: float) -> Interval:
         """The interval by the wheels alone, with the difference from the camera's motion as their error.
 
-        Over several intervals the difference is the same, so that the errors add up, and not their variances.
-
         Args:
             interval: with a motion of the camera.
             scale: metres per unit.
         """
         self._intervals.append(interval)
-        doubt = math.sqrt(2 * len(self._intervals) - 1) * _difference(interval, scale)
+        doubt = _adding_up(len(self._intervals)) * _difference(interval, scale)
         return replace(interval, visual=None, continues=False, wheels_slip=True, doubt=doubt)
+
+    def stood_or_drove(self, interval: Interval, scale: float) -> Interval:
+        """The interval by the wheels alone: the camera was frozen, or the robot stood while its wheels turned.
+
+        Args:
+            interval: with a motion of the camera.
+            scale: metres per unit.
+        """
+        self._without_camera += 1
+        doubt = _adding_up(self._without_camera) * _difference(interval, scale)
+        return replace(interval, visual=None, wheels_slip=False, doubt=doubt)
+
+    def camera_is_used(self) -> None:
+        """It is no longer doubted: what was doubtful remains so."""
+        self._without_camera = 0
 
     def resolve(self, scale: float) -> None:
         """The map has come to agree with the wheels, and is the same as before: the wheels slipped, or were stuck."""
@@ -66,6 +80,11 @@ class Doubts:
             return
         per_second = _difference(slipping, scale) / slipping.wheels.duration_s
         self._graph.revise(blind.end, wheels_slip=True, doubt=per_second * blind.wheels.duration_s)
+
+
+def _adding_up(number: int) -> float:
+    """Of the error in the n-th of intervals with the same error, so that the errors add up, and not their variances."""
+    return math.sqrt(2 * number - 1)
 
 
 def _difference(interval: Interval, scale: float) -> np.ndarray:

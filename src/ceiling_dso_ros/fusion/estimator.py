@@ -77,6 +77,7 @@ class FusionEstimator:
         self._contradiction = Contradiction(self.config.slip)
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
         self._leaps = Leaps(self.config.output)
+        self._stood: Optional[np.ndarray] = None  # (3,) output, if the camera that is doubted is right
         self._leapt: Optional[OdometryStatus] = None  # the newest image, while no further one has confirmed it
         self._covariances: Deque[Tuple[int, np.ndarray]] = deque(maxlen=RECENT_FRAMES)  # by stamps of images
 
@@ -218,11 +219,12 @@ class FusionEstimator:
         step = self._output.predict(step, slipping, seen=self._sees(step.end_ns))
         self._use_waiting(self._output)
         pose, twist, twist_covariance = self._output.publish(step)
+        covariance = pose.covariance if self._stood is None else pose.covariance + _either(pose.pose, self._stood)
         state, reasons = self._health.judge(step.end_ns, self._backend, self._contradiction)
         return FusedState(
             step.end_ns,
             planar.compose(self._origin, pose.pose),
-            planar.rotate_covariance(pose.covariance, self._origin[2]),
+            planar.rotate_covariance(covariance, self._origin[2]),
             twist,
             twist_covariance,
             state,
@@ -269,8 +271,10 @@ class FusionEstimator:
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
         covariance = next((C for image_ns, C in self._covariances if image_ns == keyframe.stamp_ns), None)
-        doubted = self._contradiction.camera_doubted
-        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance, use_camera=not doubted)
+        doubt = self._contradiction
+        used = not doubt.camera_doubted or self._seen.moves_again(self._frames, keyframe, doubt.doubted_since_ns)
+        estimate = self._backend.add(keyframe, stamp_ns, self._track, covariance, use_camera=used)
+        self._stood = None if used else self._stood
         if estimate is not None and (self._backend.scale_was_known or self._backend.wheels_slip):
             self._restart(output, estimate, self._track.end_ns)
 
@@ -326,6 +330,7 @@ class FusionEstimator:
         if not contradiction.camera_doubted:
             output.correct_twist(self._seen.speed(seen))
         elif not was_doubted and contradiction.since_ns is not None:
+            self._stood = output.pose
             self._backend.doubt_camera(contradiction.since_ns)
             if self._backend.estimate is not None:
                 self._restart(output, self._backend.estimate, contradiction.since_ns)
@@ -336,3 +341,9 @@ class FusionEstimator:
         before = next((each for each in self._frames if each.stamp_ns >= oldest_ns), status)
         seen = self._seen.between(before, status)
         return seen is not None and seen.contradicted
+
+
+def _either(pose: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(3, 3) to add to the covariance of a (3,) pose, seen from odom, that is this one or the other."""
+    missing = np.array([*(other[:2] - pose[:2]), planar.wrap(other[2] - pose[2])])
+    return np.outer(missing, missing)

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Motions that the camera saw between images and since the newest keyframe, in metres and beside the wheels."""
 
-from typing import NamedTuple, Optional
+from dataclasses import replace
+from typing import NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from ceiling_dso_ros.dso.durations import seconds
-from ceiling_dso_ros.dso.status import OdometryStatus
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.backend import KeyframeBackend
 from ceiling_dso_ros.fusion.config import VisualConfig
+from ceiling_dso_ros.fusion.contradiction import has_moved
 from ceiling_dso_ros.fusion.relative_filter import Sighting
 from ceiling_dso_ros.fusion.twist_filter import MeanTwist
 from ceiling_dso_ros.fusion.visual import VisualMotion
@@ -61,6 +63,24 @@ class SeenMotions:
             return None
         contradicted = self._backend.wheels_contradict(self._track.motion(start_ns, end_ns), visual)
         return SeenMotion(start_ns, end_ns, visual, contradicted)
+
+    def moves_again(self, images: Sequence[OdometryStatus], keyframe: KeyframeEstimate, doubted_since_ns: int) -> bool:
+        """Whether a camera that is doubted has moved since its last image, and the newest node is older than the doubt.
+
+        From before the doubt to now its motion is right in both cases: a robot that stood has not moved until now, a
+        camera that was frozen sees all of the way at once.
+
+        Args:
+            images: those that were used, the newest last.
+            keyframe: a new one.
+            doubted_since_ns: on the wheels' clock.
+        """
+        if not images or self._backend.newest_ns > doubted_since_ns:
+            return False
+        last = images[-1]
+        now = replace(last, keyframe_id=keyframe.keyframe_id, T_keyframe_camera=np.eye(4))
+        visual = self._backend.motion_between(last, now)
+        return visual is not None and has_moved(visual.base_motion(self._backend.scale.value))
 
     def speed(self, seen: SeenMotion) -> MeanTwist:
         """Mean forward speed and yaw rate between two images."""

@@ -48,7 +48,7 @@ class LiveRobot:
         sent: (3,) true pose at each stamp that was sent, nanoseconds.
         sent_s: monotonic time at which it was sent.
         start: true pose at the first wheel sample, (3,).
-        rate: seconds of the drive in a second.
+        rate: seconds of the drive in a second; may be changed.
     """
 
     def __init__(self, drive: Drive, simulated_clock: bool, mount: bool, rate: float = 1.0) -> None:
@@ -152,8 +152,11 @@ class LiveRobot:
             self._is_paused = False
 
     def _work(self) -> None:
-        self._begin_s = time.monotonic()
+        self._begin_s, rate = time.monotonic(), self.rate
         for due_s, sample in self._samples():
+            if rate != self.rate:  # from now on
+                self._begin_s += due_s / rate - due_s / self.rate
+                rate = self.rate
             while self._is_paused:
                 time.sleep(0.01)
                 self._paused_s = time.monotonic() - self._begin_s - due_s / self.rate

@@ -103,6 +103,7 @@ def main() -> int:
                 fault = INJECTED[number % len(INJECTED)] if number else "nothing"
                 found["minutes"].append(asdict(_minute(live, 60.0 * number, fault)))
                 result.write_text(json.dumps(found, indent=1))
+            robot.rate = 1.0  # as a robot drives: now times count
             saved = _saved(live, result.parent, log)
         interrupt_s = _interrupted_s(launched)
         end = End(*saved, interrupt_s, {path.name: _poses(path) for path in sorted(kept.glob("*.tum"))})
