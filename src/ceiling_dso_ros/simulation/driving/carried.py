@@ -6,7 +6,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ceiling_dso_ros.simulation.driving.motion import Motion
+from ceiling_dso_ros.simulation.driving.motion import BaseMotion, Motion
 from ceiling_dso_ros.simulation.events import Event, of_kind
 
 STEP_S = 0.1  # between the poses of the plan that must lie in the hall
@@ -67,7 +67,7 @@ class CarriedMotion:
 
 def carried(
     planned: Motion, events: Sequence[Event], size_m: Tuple[float, float], rng: np.random.Generator
-) -> CarriedMotion:
+) -> BaseMotion:
     """The motion with all `kidnap` events: to places and directions from which the rest of the drive fits the hall.
 
     Args:
@@ -81,7 +81,7 @@ def carried(
         so_far = CarriedMotion(planned, tuple(carries))
         rest = so_far.poses(np.arange(event.start_s, planned.duration_s + STEP_S, STEP_S))
         carries.append(_draw(event, rest, np.maximum(np.array(size_m) / 2 - WALL_M, 0.0), rng))
-    return CarriedMotion(planned, carries)
+    return CarriedMotion(planned, carries) if carries else planned
 
 
 def _draw(event: Event, rest: np.ndarray, half_m: np.ndarray, rng: np.random.Generator) -> Carry:
