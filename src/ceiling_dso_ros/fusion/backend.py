@@ -136,6 +136,9 @@ class KeyframeBackend:
         continues = self._chain.continues(keyframe)
         log_scale = math.nan if continues else self._height.log_scale(keyframe.depth)
         measured = Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth, log_scale=log_scale)
+        if not continues:
+            self._doubts.forget()
+            self._height.begin_segment()
         interval = self._judged(measured) if use_camera else self._without_camera(measured)
         self._append(interval, track)
         self._chain.link(interval.end, keyframe, covariance=covariance)
@@ -153,9 +156,8 @@ class KeyframeBackend:
     def doubt_camera(self, since_ns: int) -> None:
         """Withdraw the camera's motions to the keyframes since then, and the slips that they told."""
         doubted = [interval for interval in self._graph.intervals if interval.stamp_ns > since_ns]
-        for interval in doubted:
-            unused = self._without_camera(interval)
-            self._graph.revise(interval.end, visual=None, wheels_slip=False, doubt=unused.doubt)
+        for each in doubted:
+            self._graph.revise(each.end, visual=None, wheels_slip=False, doubt=self._without_camera(each).doubt)
         if self.estimate is not None and doubted:
             self.monitor.forget(since_ns)
             self.estimate = self._estimate()
@@ -261,9 +263,6 @@ class KeyframeBackend:
         be right all the same, and the wheels slip or are stuck, their noise covers what it tells.
         """
         self._doubts.camera_is_used()
-        if not interval.continues:
-            self._doubts.forget()
-            self._height.begin_segment()
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
@@ -281,7 +280,7 @@ class KeyframeBackend:
         """The interval by the wheels, where the camera may be frozen; their error covers that the robot stood."""
         self._refused.append(interval.end)
         if interval.visual is None or self.estimate is None:
-            return interval
+            return replace(interval, visual=None)
         return self._doubts.stood_or_drove(interval, math.exp(self.estimate.log_scale))
 
     def _bridged(self, interval: Interval, track: WheelTrack) -> Interval:
