@@ -10,6 +10,8 @@ from simulated_drive import RATE_HZ, Drive, encoder_ticks, record_camera, true_m
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
 from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.backend import KeyframeBackend
+from ceiling_dso_ros.fusion.ceiling_height import CeilingHeight
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
@@ -119,6 +121,18 @@ def test_once_the_camera_moves_again_it_tells_whether_the_robot_stood(truth, fus
     largest_m, largest_sigma_m = (0.1, 0.2) if stands else (0.3, 1.0)  # a camera that hangs leaves the wheels alone
     assert np.hypot(*error) < largest_m
     assert np.sqrt(np.trace(state.covariance[:2, :2])) < largest_sigma_m
+
+
+def test_a_segment_that_begins_while_the_camera_is_doubted_is_a_new_one(simulate, truth, fuse, monkeypatch):
+    """The height of its ceiling is that of another map, and is to be compared."""
+    begun, begin, add = [], CeilingHeight.begin_segment, KeyframeBackend.add
+    monkeypatch.setattr(CeilingHeight, "begin_segment", lambda height: begun.append(begin(height)))
+    monkeypatch.setattr(KeyframeBackend, "add", lambda *args, **named: add(*args, **{**named, "use_camera": False}))
+    drive = simulate("loops", 12.0, 3, truth(losses=((6.0, 7.0),)))
+    fuse(drive)
+    segments = {keyframe.segment for status in drive.statuses for keyframe in status.keyframes}
+    assert len(segments) == 2
+    assert len(begun) == 1 + len(segments), "once before all"
 
 
 def test_a_brief_time_without_a_pose_is_no_reason(loops, fuse):
