@@ -54,7 +54,10 @@ class DsoNodeCeiling(unittest.TestCase):
         wait_until(lambda: cls.play(0).state != VisualOdometryStatus.WAITING, "the calibration is not taken up")
         cls.statuses = [cls.player.statuses[-1], *(cls.play(index) for index in range(1, FRAMES))]
         cls.tracked = [status for status in cls.statuses if status.state == VisualOdometryStatus.TRACKING]
+        # Each topic comes by a connection of its own: what belongs to the last status may come after it.
         wait_until(lambda: len(cls.player.odometry) == len(cls.tracked), "there are statuses without odometry")
+        windows = sum(bool(status.keyframes) for status in cls.statuses)
+        wait_until(lambda: len(cls.player.keyframes) == windows, "there are statuses without their keyframes")
 
     @classmethod
     def play(cls, index):
