@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Dict, List, TextIO, Tuple
@@ -48,6 +49,7 @@ class Minute:
         resident_mb, threads, descriptors: of each node.
         latency_ms: 95th percentile of the time from a wheel sample to its pose, in the calm part.
         calm_share: share of the outputs of the calm part whose state is good.
+        reasons: how many of the others gave which reasons.
         error_m: of the pose since the drive began.
         sigmas: that error, by the covariance that was published.
     """
@@ -58,6 +60,7 @@ class Minute:
     descriptors: Dict[str, int]
     latency_ms: float
     calm_share: float
+    reasons: Dict[str, int]
     error_m: float
     sigmas: float
 
@@ -153,7 +156,9 @@ def _minute(live: Live, begin_s: float, fault: str) -> Minute:
     _drive_until(live, begin_s + 60.0)
     processes = {node: Path(f"/proc/{live.system.pid(node)}") for node in NODES}
     latency_ms, error_m, sigmas = _quality(live, calm_s)
-    states = [status.state == status.CONVERGED for arrival_s, status in live.witness.fused if arrival_s > calm_s]
+    calm = [status for arrival_s, status in live.witness.fused if arrival_s > calm_s]
+    states = [status.state == status.CONVERGED for status in calm]
+    reasons = Counter("; ".join(status.reasons) for status, good in zip(calm, states) if not good)
     live.witness.forget()
     live.robot.forget()
     return Minute(
@@ -163,6 +168,7 @@ def _minute(live: Live, begin_s: float, fault: str) -> Minute:
         {node: len(list((process / "fd").iterdir())) for node, process in processes.items()},
         latency_ms,
         float(np.mean(states)) if states else 0.0,
+        dict(reasons),
         error_m,
         sigmas,
     )
