@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ceiling_dso_ros.dso import OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.durations import nanoseconds, seconds
 from ceiling_dso_ros.evaluation.alignment import MIN_PAIRS, AlignmentKind, align
 from ceiling_dso_ros.evaluation.association import interpolate_poses
 from ceiling_dso_ros.evaluation.report import evaluate_trajectory
+from ceiling_dso_ros.experiments.tracked_run import SIGMAS
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.fusion.state import ScaleState
+from ceiling_dso_ros.fusion.state import FusionState, ScaleState
 from ceiling_dso_ros.io.recording import Recording
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
@@ -83,6 +85,10 @@ class FusedRun:
         steps_m = np.hypot(*np.diff(self.playback.wheel().positions[:, :2], axis=0).T)
         return float(steps_m.sum()) / self.path_m
 
+    def way_m(self, stamp_ns: int) -> float:
+        """Distance driven by the base until a stamp."""
+        return float(np.interp(stamp_ns, self._base_truth.stamps_ns, self._way_m))
+
     def stamp_ns(self, way_m: float) -> int:
         """When the base has gone so far."""
         index = np.searchsorted(self._way_m, min(max(way_m, 0.0), self.path_m))
@@ -97,6 +103,30 @@ class FusedRun:
         """Stamps (n,) and poses (n, 3) of all outputs."""
         states = self.playback.states
         return np.array([state.stamp_ns for state in states], np.int64), np.array([state.pose for state in states])
+
+    def normalised_errors_squared(self) -> np.ndarray:
+        """NEES of all outputs, (n,); expected is 3."""
+        stamps_ns, poses = self.published()
+        errors = poses - self.true_poses(stamps_ns)
+        errors[:, 2] = [planar.wrap(yaw) for yaw in errors[:, 2]]
+        covariances = np.array([state.covariance for state in self.playback.states])
+        return np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+
+    def mean_nees(self) -> float:
+        """Its mean over the outputs after the first second, in which the pose has hardly an error."""
+        stamps_ns, _ = self.published()
+        return float(self.normalised_errors_squared()[stamps_ns >= stamps_ns[0] + nanoseconds(1.0)].mean())
+
+    def longest_wrong_s(self) -> float:
+        """Longest time in which the errors of all poses that are called good exceed SIGMAS standard deviations."""
+        longest_ns, since_ns = 0, None
+        for state, nees in zip(self.playback.states, self.normalised_errors_squared()):
+            if state.state is not FusionState.CONVERGED or nees <= SIGMAS**2:
+                since_ns = None
+                continue
+            since_ns = state.stamp_ns if since_ns is None else since_ns
+            longest_ns = max(longest_ns, state.stamp_ns - since_ns)
+        return seconds(longest_ns)
 
     def largest_jump_m(self) -> float:
         """Largest difference between the motion from one output to the next and the true motion."""

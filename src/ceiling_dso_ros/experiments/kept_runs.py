@@ -43,6 +43,7 @@ class OdometryRun:
         every: one of this many images is tracked.
         predict: predict the motion of the camera from the wheels.
         regulated: leave images out while hardly anything moves, see `FrameRegulation`.
+        exposures_told: use the exposure times of the recording.
     """
 
     config: OdometryConfig = OdometryConfig()
@@ -50,6 +51,7 @@ class OdometryRun:
     every: int = 1
     predict: bool = False
     regulated: bool = False
+    exposures_told: bool = True
 
     def track(self, recording: Recording, name: str) -> Statuses:
         """Track the images; the status of each."""
@@ -63,7 +65,8 @@ class OdometryRun:
             prediction = fusion.predicted_motion(statuses[-1], frame.stamp_ns) if fusion and statuses else None
             if visual.leaves_out(frame.stamp_ns, prediction):
                 continue
-            statuses.append(visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, prediction).status)
+            exposure_ms = frame.exposure_ms if self.exposures_told else None
+            statuses.append(visual.track(frame.image, frame.stamp_ns, exposure_ms, prediction).status)
             if fusion is not None:
                 fusion.add(statuses[-1])
         return tuple(statuses)

@@ -63,6 +63,21 @@ class TrackedRun:
         return evaluate_trajectory("", trajectory, self._true, AlignmentKind.SIM3, PAIRING_S)
 
     @property
+    def first_pose_ns(self) -> int:
+        """Stamp of the first image with a pose, of the last one when there is none."""
+        return int(self._stamps_ns[min(self.first_pose, len(self.statuses) - 1)])
+
+    @property
+    def first_pose_s(self) -> float:
+        """Seconds from the first image to the first one with a pose, inf when there is none."""
+        return seconds(self.first_pose_ns - self._stamps_ns[0]) if self._tracking.any() else np.inf
+
+    @property
+    def keyframes(self) -> int:
+        """How many there were."""
+        return len({keyframe.keyframe_id for status in self.statuses for keyframe in status.keyframes})
+
+    @property
     def final_ate_m(self) -> float:
         """Root mean square of the position errors of all segments, on refined keyframes; inf without poses."""
         return _ate_m(self._final.values())
