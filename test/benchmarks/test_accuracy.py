@@ -6,7 +6,7 @@ import json
 import accuracy
 import numpy as np
 import pytest
-from support import uncovered
+from support import first_maps, uncovered
 from support.table import Row
 
 from ceiling_dso_ros.experiments.kept_runs import Kept, OdometryRun
@@ -15,6 +15,7 @@ from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
 from ceiling_dso_ros.simulation.camera import CameraModel
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.events import COVER_SLIDE_S
+from ceiling_dso_ros.simulation.recording import SimulatedRecording
 from ceiling_dso_ros.simulation.sensors.measurements import stamp_ns
 
 SMALL = CameraModel(width=424, height=240)
@@ -139,3 +140,24 @@ def test_a_part_leaves_its_figures(tmp_path, monkeypatch, capsys):
     lost, images = json.loads((tmp_path / "out" / "part.json").read_text())
     assert (lost["values"], lost["high"], lost["low"], lost["holds"]) == ([0.0, 1.0, 2.0], 1, None, False)
     assert (images["high"], images["holds"]) == (None, True)
+
+
+def test_a_cover_slides_off_the_first_images_of_a_recording_only():
+    recording = SimulatedRecording(SimulationConfig("square", duration_s=0.6, camera=SMALL))
+    uncovered_at = first_maps.Uncovered(recording, 0.5)
+    pairs = list(zip(recording.images(), uncovered_at.images()))
+    shares = [np.mean(seen.decode() == plain.decode()) for plain, seen in pairs]
+    assert shares[0] < 0.3
+    assert shares == sorted(shares)
+    assert shares[uncovered.SLIDING + 1 :] == [1.0] * (len(pairs) - uncovered.SLIDING - 1)
+
+
+def test_starts_are_of_the_kind_that_they_are_said_to_be(tracked):
+    drive = tracked.rendered.drive(SimulationConfig("stop_and_go", duration_s=12.0, camera=SMALL))
+    motion = drive.simulated.simulation.robot.motion
+    standing = first_maps._times_s(drive, first_maps.KINDS["standing"])
+    straight = first_maps._times_s(drive, first_maps.KINDS["straight"])
+    assert len(standing) == len(straight) == first_maps.STARTS
+    first_image_s = drive.simulated.simulation.frame_times_s[0]
+    assert np.abs(motion.rates(np.array(standing) + first_image_s)).max() < 0.02
+    assert motion.rates(np.array(straight) + first_image_s)[:, 0].min() > 0.25

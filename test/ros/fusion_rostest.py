@@ -249,7 +249,9 @@ class Fusion(DrivingRobot):
         self.assertTrue(any(stamp_ns % 1000 for stamp_ns in stamps))
         last = together[-20:]
         # Each topic comes by a connection of its own: tf's message may come after the odometry's.
-        wait_until(lambda: all(messages[2].header.stamp in sent for messages in last), "tf lacks stamps of the odometry")
+        wait_until(
+            lambda: all(messages[2].header.stamp in sent for messages in last), "tf lacks stamps of the odometry"
+        )
         for messages in last:
             stamp, x = messages[2].header.stamp, messages[2].pose.pose.position.x
             self.assertEqual(sent[stamp].transform.translation.x, x)
