@@ -67,6 +67,7 @@ class Drive:
     ticks: List[Tuple[int, int, int]]
     statuses: List[OdometryStatus]
     metres_per_unit: dict  # keyframe id -> true scale
+    cameras: dict  # keyframe id -> true (4, 4) T_world_camera
 
     def pose_at(self, stamp_ns):
         index = np.clip(seconds(stamp_ns - self.stamps[0]) * RATE_HZ, 0, len(self.stamps) - 1)
@@ -147,7 +148,7 @@ class VisualSimulator:
 
     def __init__(self, truth, rng):
         self.truth, self.rng = truth, rng
-        self.statuses, self.metres_per_unit = [], {}
+        self.statuses, self.metres_per_unit, self.cameras = [], {}, {}
         self.segment, self.next_id = -1, 0
         self.window, self.pending = [], None
         self.log_unit = np.log(truth.unit_m)
@@ -168,6 +169,7 @@ class VisualSimulator:
     def keep(self, stamp, T_true, T_vo):
         self.window.append((self.next_id, stamp, T_true, T_vo, self.truth.unit_m / np.exp(self.log_unit)))
         self.metres_per_unit[self.next_id] = np.exp(self.log_unit)
+        self.cameras[self.next_id] = T_true
         self.next_id += 1
 
     def estimates(self):
@@ -247,7 +249,7 @@ def record_camera(stamps, poses, truth, rng):
             if camera.frame(int(stamps[index]) + nanoseconds(truth.camera_delay_s), T, lost, since, jump)
             else since + 1
         )
-    return camera.statuses, camera.metres_per_unit
+    return camera.statuses, camera.metres_per_unit, camera.cameras
 
 
 def simulate_drive(name="loops", duration_s=60.0, seed=0, truth=None, start_ns=1_000 * 10**9):
@@ -258,5 +260,4 @@ def simulate_drive(name="loops", duration_s=60.0, seed=0, truth=None, start_ns=1
     poses, v, w = true_motion(name, duration_s)
     stamps = start_ns + np.rint(np.arange(len(poses)) * (1e9 / RATE_HZ)).astype(np.int64)
     ticks = encoder_ticks(stamps, v, w, robot, truth, rng)
-    statuses, metres_per_unit = record_camera(stamps, poses, truth, rng)
-    return Drive(robot, stamps, poses, ticks, statuses, metres_per_unit)
+    return Drive(robot, stamps, poses, ticks, *record_camera(stamps, poses, truth, rng))

@@ -4,6 +4,8 @@ import pytest
 
 from ceiling_dso_ros.dso import KeyframeEstimate
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import VisualConfig
+from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframes
 
 STEP = np.array([0.1, 0.01, 0.05])
@@ -19,6 +21,10 @@ class Graph:
     @property
     def oldest(self):
         return max(0, self.newest - self._window)
+
+    @property
+    def intervals(self):
+        return [Interval(end, 100 * end, None) for end in range(self.oldest + 1, self.newest + 1)]
 
     def pose(self, node):
         assert self.oldest <= node <= self.newest
@@ -42,7 +48,7 @@ class Graph:
 class Drive:
     def __init__(self, window=20):
         self.graph = Graph(window)
-        self.leaving = LeavingKeyframes(self.graph, self.graph)
+        self.leaving = LeavingKeyframes(self.graph, self.graph, VisualConfig())
         self.known = True
 
     def keyframe(self, number, leaving=(), segment=0, kept=()):

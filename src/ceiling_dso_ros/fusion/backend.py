@@ -49,7 +49,7 @@ class KeyframeBackend:
         self._noise = noise
         self._graph = WindowGraph(config, noise, keep_history)
         self._chain = KeyframeChain()
-        self._leaving = LeavingKeyframes(self._graph, self._chain)
+        self._leaving = LeavingKeyframes(self._graph, self._chain, config.visual)
         self._left: Deque[LeavingKeyframe] = deque(maxlen=MOST_REFINED)
         self._bias = WheelBias(noise, config.visual)
         self._refused: Deque[int] = deque(maxlen=MOST_REFINED)  # nodes to which the camera's motion is not used

@@ -13,8 +13,10 @@ import numpy as np
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
+from ceiling_dso_ros.fusion.tilt import Tilt, TiltFilter
 
 MOST_WAITING = 200  # keyframes that leave before the graph has its next node
 
@@ -33,6 +35,7 @@ class LeavingKeyframe:
         metres_per_unit: of the visual odometry.
         newest_ns: stamp of the newest keyframe, on the wheels' clock.
         to_newest: (3,) motion of base_link from this keyframe to the newest one.
+        tilt: of base_link against the plane of motion.
     """
 
     keyframe_id: int
@@ -44,6 +47,7 @@ class LeavingKeyframe:
     metres_per_unit: float
     newest_ns: int
     to_newest: np.ndarray
+    tilt: Tilt
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,12 @@ class LeavingKeyframes:
     Args:
         graph: with the nodes of the keyframes.
         chain: which says what node a keyframe is.
+        config: the errors of the odometry.
     """
 
-    def __init__(self, graph: WindowGraph, chain: KeyframeChain) -> None:
+    def __init__(self, graph: WindowGraph, chain: KeyframeChain, config: VisualConfig) -> None:
         self._graph, self._chain = graph, chain
+        self._tilts = TiltFilter(config)
         self._window: Dict[int, KeyframeEstimate] = {}
         self._waiting: List[_Node] = []
         self._known: Dict[int, bool] = {}  # segment -> whether its scale was known at last
@@ -97,9 +103,12 @@ class LeavingKeyframes:
         self._known[segment] = scale_known
         waiting = sorted({node.number: node for node in self._waiting}.values(), key=lambda node: node.number)
         self._waiting, self._left = [], {number for number in self._left if number > self._graph.oldest}
-        result = [self._leave(node, newest_ns) for node in waiting if self._is_usable(node)]
+        tilts = self._tilts_of_window() if waiting else {}
+        result = [self._leave(node, newest_ns, tilts[node.number]) for node in waiting if self._is_usable(node)]
         while self._last is not None and self._since == self._graph.oldest < self._graph.newest:
             self._advance(self._since + 1)
+        first = self._graph.intervals[0]
+        self._tilts.settle(first, self._metres_per_unit(first.end))
         return result
 
     def _note(self, keyframes: Sequence[KeyframeEstimate]) -> None:
@@ -113,7 +122,14 @@ class LeavingKeyframes:
         is_kept = node.number > self._graph.oldest and node.number not in self._left
         return is_kept and self._known.get(node.keyframe.segment, False)
 
-    def _leave(self, node: _Node, newest_ns: int) -> LeavingKeyframe:
+    def _tilts_of_window(self) -> Dict[int, Tilt]:
+        intervals = self._graph.intervals
+        return self._tilts.smoothed(intervals, [self._metres_per_unit(interval.end) for interval in intervals])
+
+    def _metres_per_unit(self, node: int) -> float:
+        return float(np.exp(self._graph.log_scale(node)))
+
+    def _leave(self, node: _Node, newest_ns: int, tilt: Tilt) -> LeavingKeyframe:
         before = self._last
         if before is None:
             self._since, self._motion, self._covariance = node.number, np.zeros(3), np.zeros((3, 3))
@@ -127,9 +143,10 @@ class LeavingKeyframes:
             pose,
             self._motion,
             self._covariance,
-            float(np.exp(self._graph.log_scale(node.number))),
+            self._metres_per_unit(node.number),
             newest_ns,
             planar.between(pose, self._graph.pose(self._graph.newest)),
+            tilt,
         )
         self._last = node.keyframe
         self._left.add(node.number)
