@@ -7,6 +7,7 @@ import pytest
 from ceiling_dso_ros.cli.main import DONE, WRONG_INPUT, main
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.evaluation.map_figure import WAY_COLOURS
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.slam.map_file import write_map
 from ceiling_dso_ros.slam.records import Corners, KeyframeRecord, RecordCamera
@@ -26,7 +27,9 @@ def site(tmp_path):
         corners = Corners(points[:4], rng.integers(0, 2**60, (4, 4)).astype(np.uint64))
         image = rng.integers(0, 256, (72, 96)).astype(np.uint8)
         pose = np.array([0.8 * number, 0.0, 0.1])
-        record = KeyframeRecord(number, pose, 1e-6 * np.eye(3), image, points, corners)
+        record = KeyframeRecord(
+            number, pose, 1e-6 * np.eye(3), image, points, corners, Tilt(np.zeros(2), np.full(2, 1e-3))
+        )
         keyframes.append(MapKeyframe(record, pose, 0))
     edges = (
         Edge(0, 1, np.array([0.8, 0.0, 0.0]), 1e-6 * np.eye(3), False),

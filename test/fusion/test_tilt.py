@@ -167,7 +167,7 @@ def test_the_shaking_is_learned():
 
 
 def test_a_cable_on_the_floor_is_an_outlier():
-    """One keyframe that pitches by a degree: its neighbours keep their tilts within their sigmas, and it has its own."""
+    """One keyframe that pitches by a degree: its neighbours' tilts stay within their sigmas, and so does its own."""
     robot = Robot(circle(60), 8)
     bump = np.array([np.radians(1.0), 0.0])
     before, after = robot.intervals[50].visual, robot.intervals[51].visual

@@ -50,7 +50,7 @@ class ToldDrive:
         covariance = COVARIANCE if i else np.zeros((3, 3))
         stamps_ns = self.stamp_ns(i), before_ns
         newest = self.newest_ns(i), TO_NEWEST
-        return LeavingKeyframe(i, *stamps_ns, self._odom[i], motion, covariance, 1.0, *newest)
+        return LeavingKeyframe(i, *stamps_ns, self._odom[i], motion, covariance, 1.0, *newest, ceiling.UPRIGHT)
 
 
 class Teller:
@@ -85,5 +85,7 @@ def left_message(left):
         metres_per_unit=left.metres_per_unit,
         newest=ros_time(left.newest_ns),
         to_newest=Pose2D(*left.to_newest),
+        tilt=left.tilt.angles.tolist(),
+        tilt_sigma=left.tilt.sigmas.tolist(),
         mount=pose_from_matrix(ceiling.RECORD_CAMERA.T_base_camera),
     )

@@ -6,12 +6,14 @@ import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.fusion import planar
-from ceiling_dso_ros.slam.records import RecordCamera, View
+from ceiling_dso_ros.fusion.tilt import Tilt
+from ceiling_dso_ros.slam.records import RecordCamera, T_upright_camera, View
 
 CAMERA = PinholeCamera(212.0, 212.0, 211.5, 119.5, 424, 240)
 HEIGHT_M = 3.0
 TEXEL_M = 0.015
 SIZE_M = (16.0, 12.0)
+UPRIGHT = Tilt(np.zeros(2), np.full(2, 1e-3))
 STEP_SIGMAS = np.array([0.012, 0.012, 0.002])  # of the odometry from keyframe to keyframe
 
 
@@ -42,10 +44,11 @@ def paint(seed, period_m=None):
     return image
 
 
-def seen(texture, pose, stamp_ns=0, seed=0, camera=RECORD_CAMERA, gain=1.0):
-    """Image and points, in the camera's frame, of a robot at a (3,) pose in the middle of the hall."""
+def seen(texture, pose, stamp_ns=0, seed=0, camera=RECORD_CAMERA, gain=1.0, leans=(0.0, 0.0)):
+    """Image and points, in the camera's frame, of a robot in the hall, which leans by a roll and a pitch."""
     rng = np.random.default_rng([seed, stamp_ns])
-    T_camera_world = np.linalg.inv(planar.lift(np.asarray(pose, float)) @ camera.T_base_camera)
+    T_base_camera = T_upright_camera(Tilt(np.asarray(leans), np.zeros(2)), camera.T_base_camera)
+    T_camera_world = np.linalg.inv(planar.lift(np.asarray(pose, float)) @ T_base_camera)
     plane = np.column_stack([T_camera_world[:3, :2], T_camera_world[:3, 2] * HEIGHT_M + T_camera_world[:3, 3]])
     low = -0.5 * TEXEL_M * np.array(texture.shape[::-1])
     to_metres = np.array([[TEXEL_M, 0, low[0]], [0, TEXEL_M, low[1]], [0, 0, 1]])
@@ -59,12 +62,14 @@ def seen(texture, pose, stamp_ns=0, seed=0, camera=RECORD_CAMERA, gain=1.0):
     return image, rays * depth[:, None]
 
 
-def record(texture, pose, stamp_ns=0, odom=None, seed=0, camera=RECORD_CAMERA, gain=1.0):
+def record(
+    texture, pose, stamp_ns=0, odom=None, seed=0, camera=RECORD_CAMERA, gain=1.0, leans=(0.0, 0.0), tilt=UPRIGHT
+):
     """What a map keeps of it; `odom` is where the odometry believes the robot to be."""
-    image, points = seen(texture, pose, stamp_ns, seed, camera, gain)
+    image, points = seen(texture, pose, stamp_ns, seed, camera, gain, leans)
     view = View.of(image, CAMERA, points)
     believed = np.asarray(pose if odom is None else odom, float)
-    return view.record(stamp_ns, 1.0, camera.T_base_camera, believed, np.diag(STEP_SIGMAS**2))
+    return view.record(stamp_ns, 1.0, camera.T_base_camera, believed, np.diag(STEP_SIGMAS**2), tilt)
 
 
 def drifted(poses, start=(0.0, 0.0, 0.0), seed=0):

@@ -32,6 +32,7 @@ def test_save_load_save_gives_the_same_bytes(site, tmp_path):
     loaded = read_map(tmp_path / "site")
     assert map_bytes(loaded) == (tmp_path / "site").read_bytes()
     np.testing.assert_array_equal(loaded.keyframes[2].record.points, site.keyframes[2].record.points)
+    np.testing.assert_array_equal(loaded.keyframes[1].record.tilt, site.keyframes[1].record.tilt)
     assert loaded.edges[1].is_loop
     require_camera("site", loaded, ceiling.RECORD_CAMERA)
 
@@ -94,7 +95,12 @@ def rewritten(content, name, change):
 
 @pytest.mark.parametrize(
     ("change", "reason"),
-    [({"version": 99}, "update the package"), ({"kind": "another"}, "no map"), ({"camera": [1.0]}, "no map")],
+    [
+        ({"version": 99}, "update the package"),
+        ({"version": 1}, "build it again"),
+        ({"kind": "another"}, "no map"),
+        ({"camera": [1.0]}, "no map"),
+    ],
 )
 def test_another_version_or_kind_is_named(site, tmp_path, change, reason):
     path = tmp_path / "site"

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.slam.record_maker import MOST_POSES, RecordMaker
 from ceiling_dso_ros.slam.records import KeyframeView
 
@@ -23,7 +26,8 @@ def pose(number, before=-1):
     before_ns = None if before is None else 100 * (number - 1 if before < 0 else before)
     moved = np.array([0.0 if before is None else 0.1, 0.0, 0.0])
     absolute = np.array([5.0 + number, 0.0, 0.0])
-    return LeavingKeyframe(number, 100 * number, before_ns, absolute, moved, STEP, 3.0, 100 * number + 7, moved)
+    tilt = Tilt(np.zeros(2), np.full(2, 1e-3))
+    return LeavingKeyframe(number, 100 * number, before_ns, absolute, moved, STEP, 3.0, 100 * number + 7, moved, tilt)
 
 
 @pytest.fixture
@@ -46,6 +50,18 @@ def test_records_are_metric_and_continue_each_other_by_their_motions(maker):
     np.testing.assert_allclose(records[0].record.points[:, 2], 3.6, rtol=1e-6)
     np.testing.assert_allclose(records[2].record.step_covariance, STEP, atol=1e-12)
     assert records[2].newest_ns == 307
+
+
+def test_records_are_upright(maker):
+    """A robot that pitches, nose down, looks ahead of itself: the ceiling above it lies behind in its own axes."""
+    pitch = 0.1
+    tilt = Tilt(np.array([0.0, pitch]), np.full(2, 1e-3))
+    maker.add_view(view(1))
+    maker.add_pose(replace(pose(1, None), tilt=tilt))
+    (new,) = take(maker)
+    assert new.record.tilt is tilt
+    middle = new.record.points.mean(axis=0)  # 3 m along the view, which begins 0.6 m along base z
+    np.testing.assert_allclose(middle, [3.6 * np.sin(pitch), 0.0, 3.6 * np.cos(pitch)], rtol=1e-6)
 
 
 def test_either_may_come_first_and_a_view_that_does_not_come_is_left_out(maker):

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from ceiling_dso_ros.evaluation.figures import COLOURS, save_figure
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.slam.records import T_upright_camera
 from ceiling_dso_ros.slam.site_map import MapKeyframe, SiteMap
 
 PIXEL_M = 0.04
@@ -87,7 +88,9 @@ def _figure(site: SiteMap, ways: Mapping[str, np.ndarray]) -> Figure:
 
 def _map_to_image(site: SiteMap, keyframe: MapKeyframe) -> np.ndarray:
     """(3, 3) homography from (x, y, 1) in map, in the plane of the keyframe's ceiling, to pixels of its image."""
-    T_camera_map = np.linalg.inv(planar.lift(keyframe.pose) @ site.camera.T_base_camera)
+    T_camera_map = np.linalg.inv(
+        planar.lift(keyframe.pose) @ T_upright_camera(keyframe.record.tilt, site.camera.T_base_camera)
+    )
     on_plane = np.column_stack(
         [T_camera_map[:3, 0], T_camera_map[:3, 1], T_camera_map[:3, 2] * keyframe.record.height_m + T_camera_map[:3, 3]]
     )

@@ -17,6 +17,7 @@ import numpy as np
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.fusion import planar
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.simulation.config import SimulationConfig
 from ceiling_dso_ros.simulation.simulation import Simulation
 from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera, View
@@ -27,6 +28,7 @@ CELL_PX = 8
 LEAST_GRADIENT = 6.0  # grey levels a pixel
 DEPTH_SIGMA = 0.01  # relative
 STEP_SIGMAS = np.array([2e-3, 2e-3, 2e-4])  # of the odometry after a metre, metres and rad
+TILT_SIGMA_RAD = 7e-4  # with which the fusion tells the tilt of a robot that shakes by 2 mrad
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,21 @@ class RenderedKeyframes:
         rng = np.random.default_rng([self.config.seed, self.config.session, 5])
         pose, before = np.zeros(3), self.true_poses[0]
         records = []
-        for stamp_ns, true, image, idepth in zip(self.stamps_ns.tolist(), self.true_poses, images, idepths):
+        drive = self.stamps_ns.tolist(), self.true_poses, self._tilts()
+        for stamp_ns, true, tilt, image, idepth in zip(*drive, images, idepths):
             motion = planar.between(before, true)
             sigmas = np.sqrt(np.hypot(*motion[:2])) * STEP_SIGMAS
             pose, before = planar.compose(pose, planar.compose(motion, rng.normal(0.0, 1.0, 3) * sigmas)), true
             view = View.of(image, self._pinhole, _points(image, idepth, self._pinhole, rng))
-            records.append(view.record(stamp_ns, 1.0, self._mount, pose, np.diag(sigmas**2)))
+            records.append(view.record(stamp_ns, 1.0, self._mount, pose, np.diag(sigmas**2), tilt))
         return records
+
+    def _tilts(self) -> List[Tilt]:
+        """The true tilts with the errors of a fusion."""
+        rng = np.random.default_rng([self.config.seed, self.config.session, 6])
+        R = self._simulation.robot.T_world_base(self._times_s)[:, :3, :3]
+        true = np.column_stack([np.arctan2(R[:, 2, 1], R[:, 2, 2]), -np.arcsin(R[:, 2, 0])])
+        return [Tilt(angles, np.full(2, TILT_SIGMA_RAD)) for angles in rng.normal(true, TILT_SIGMA_RAD)]
 
     @cached_property
     def _simulation(self) -> Simulation:

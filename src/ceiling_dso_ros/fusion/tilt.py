@@ -51,7 +51,7 @@ class Tilt(NamedTuple):
 
 
 def upright_rotation(angles: np.ndarray) -> np.ndarray:
-    """(3, 3) Ry(pitch) Rx(roll) of (2,) roll and pitch: R_upright_base, whose z is the normal of the plane of motion."""
+    """R_upright_base = Ry(pitch) Rx(roll), (3, 3), of (2,) roll and pitch, rad; its z is the normal of the plane."""
     (sr, sp), (cr, cp) = np.sin(angles), np.cos(angles)
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 

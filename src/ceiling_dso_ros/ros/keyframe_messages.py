@@ -11,6 +11,7 @@ from ceiling_dso_ros.dso import PinholeCamera
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.io.limits import LARGEST_M
 from ceiling_dso_ros.msg import KeyframeView as KeyframeViewMessage
 from ceiling_dso_ros.msg import LeftKeyframe
@@ -21,6 +22,7 @@ from ceiling_dso_ros.slam.records import CORNERS_WIDTH_PX, KeyframeView
 POINT = np.dtype("<f4")
 MOST_POINTS = 1_000_000
 SMALLEST_VARIANCE = 1e-14
+LARGEST_TILT_RAD = 0.5
 
 
 def view_message(view: KeyframeView, stamp_ns: int, camera_frame_id: str) -> KeyframeViewMessage:
@@ -77,6 +79,8 @@ def left_messages(estimator: FusionEstimator, clock: DataClock) -> List[LeftKeyf
             metres_per_unit=left.metres_per_unit,
             newest=ros_time(clock.stamp_ns(left.newest_ns)),
             to_newest=_pose_2d(left.to_newest),
+            tilt=left.tilt.angles.tolist(),
+            tilt_sigma=left.tilt.sigmas.tolist(),
             mount=pose_from_matrix(estimator.robot.T_base_camera),
         )
         if left.before_ns is not None:
@@ -100,6 +104,9 @@ def left_from_message(message: LeftKeyframe) -> LeavingKeyframe:
         raise ValueError("the covariance of a motion is not positive")
     if not 0.0 < scale < LARGEST_M:
         raise ValueError(f"a scale of {scale} metres per unit")
+    tilt = Tilt(np.array(message.tilt), np.array(message.tilt_sigma))
+    if not (np.abs([tilt.angles, tilt.sigmas]) < LARGEST_TILT_RAD).all() or not (tilt.sigmas > 0.0).all():
+        raise ValueError("a tilt is not finite, beyond all bounds, or has no sigma")
     return LeavingKeyframe(
         message.id,
         message.header.stamp.to_nsec(),
@@ -110,6 +117,7 @@ def left_from_message(message: LeftKeyframe) -> LeavingKeyframe:
         scale,
         message.newest.to_nsec(),
         _pose_of(message.to_newest),
+        tilt,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ceiling_dso_ros.dso.geometry.projection import level_intrinsics
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.slam.alignment_kernels import UNKNOWNS, add_normal_equations, correlations, grey_of
-from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera
+from ceiling_dso_ros.slam.records import KeyframeRecord, RecordCamera, T_upright_camera
 
 LEVELS = 3
 WIDE_BLUR_PX = 5.0  # on each level
@@ -29,14 +29,15 @@ PEAK_PX = 4.0  # closer shifts belong to the same alignment
 SEARCH_YAWS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
 SEARCH_SHARE = 0.4  # of the points in view that must be in view after a shift
 RELATED_PIXELS = 6.0  # neighbouring residuals are not independent: so many count as one
-TILT_RAD = 2e-3  # by which a robot that shakes looks aside
+YAW_SIGMA_RAD = 1e-3  # by which depths that are wrong turn an alignment
 
 
 @dataclass(frozen=True)
 class PreparedView:
-    """A record's image pyramid and the grey values of its points on each level."""
+    """A record's image pyramid, its camera for the kernels, and the grey values of its points, on each level."""
 
     record: KeyframeRecord
+    cameras: Sequence[np.ndarray]
     levels: Sequence[np.ndarray]
     greys: Sequence[np.ndarray]
 
@@ -62,30 +63,29 @@ class Aligner:
     """Aligns views of one camera."""
 
     def __init__(self, camera: RecordCamera) -> None:
-        T_camera_base = np.linalg.inv(camera.T_base_camera)
-        self._cameras: List[np.ndarray] = []
+        self._T_base_camera = camera.T_base_camera
+        self._intrinsics = [level_intrinsics(camera.camera.parameters, level) for level in range(LEVELS)]
         self.sizes: List[Tuple[int, int]] = []
         for level in range(LEVELS):
-            intrinsics = level_intrinsics(camera.camera.parameters, level)
-            self._cameras.append(np.concatenate([T_camera_base[:3].ravel(), intrinsics]))
             self.sizes.append((camera.camera.width // 2**level, camera.camera.height // 2**level))
 
     def prepare(self, record: KeyframeRecord) -> PreparedView:
         """Compute what alignments need of a record."""
         levels, greys = [], []
+        T_camera_upright = np.linalg.inv(T_upright_camera(record.tilt, self._T_base_camera))
+        cameras = [np.concatenate([T_camera_upright[:3].ravel(), intrinsics]) for intrinsics in self._intrinsics]
         image = record.image.astype(np.float32)
         for level, (width, height) in enumerate(self.sizes):
             if level:
                 image = cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
             fine = image - cv2.GaussianBlur(image, (0, 0), WIDE_BLUR_PX)
             levels.append(np.ascontiguousarray(fine).ravel())
-            greys.append(grey_of(record.points, levels[-1], width, height, self._cameras[level]))
-        return PreparedView(record, levels, greys)
+            greys.append(grey_of(record.points, levels[-1], width, height, cameras[level]))
+        return PreparedView(record, cameras, levels, greys)
 
     def pixel_m(self, height_m: float, level: int) -> float:
         """What a pixel of a level covers at a height above the floor."""
-        camera = self._cameras[level]
-        return float((height_m + camera[11]) / camera[12])
+        return float((height_m - self._T_base_camera[2, 3]) / self._intrinsics[level][0])
 
     def align(self, a: PreparedView, b: PreparedView, guess: np.ndarray) -> Optional[Alignment]:
         """Refine a motion T_a_b from coarse to fine; None if the views overlap too little or it does not converge."""
@@ -102,7 +102,7 @@ class Aligner:
                     break
         forth, back = self._correlation(a, b, motion), self._correlation(b, a, planar.inverse(motion))
         return Alignment(
-            motion, self._covariance(H, sums, a.record.height_m), min(forth[0], back[0]), int(forth[1] + back[1])
+            motion, _covariance(H, sums, a.record, b.record, motion[2]), min(forth[0], back[0]), int(forth[1] + back[1])
         )
 
     def others(
@@ -122,10 +122,10 @@ class Aligner:
         width, height = self.sizes[level]
         chosen = np.linspace(0, len(a.record.points) - 1, min(SEARCH_POINTS, len(a.record.points))).astype(np.int64)
         points, grey = a.record.points[chosen], a.greys[level][chosen]
-        image, camera = b.levels[level], self._cameras[level]
+        image, camera = b.levels[level], b.cameras[level]
         best = correlations(points, grey, image, width, height, camera, found.motion[None])[0]
         shifts = self._shifts(pixel_m)
-        middle = self._middle(height_m)
+        middle = _middle(b.cameras[0], height_m)
         result = []
         for turn in SEARCH_YAWS:
             turned = _turned_about(found.motion, middle, turn)
@@ -142,19 +142,13 @@ class Aligner:
         return np.array([motion for _, motion in result]).reshape(-1, 3)
 
     def _shifts(self, pixel_m: float) -> np.ndarray:
-        """(M, 2) shifts in base_link, along the axes of the image, that leave the wanted share of a view in view."""
+        """(M, 2) shifts in the plane, along the axes of the image, that leave the wanted share of a view in view."""
         x, y = (
             np.arange(-(1.0 - SEARCH_SHARE) * side, (1.0 - SEARCH_SHARE) * side, SEARCH_STEP_PX) * pixel_m
             for side in self.sizes[SEARCH_LEVEL]
         )
-        axes = self._cameras[0][:12].reshape(3, 4)[:2, :2]
+        axes = self._T_base_camera[:2, :2].T
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) @ axes
-
-    def _middle(self, height_m: float) -> np.ndarray:
-        """Where the view's middle lies in base_link, (2,)."""
-        R, t = self._cameras[0][:12].reshape(3, 4)[:, :3], self._cameras[0][[3, 7, 11]]
-        centre, axis = -R.T @ t, R[2]
-        return (centre + axis * (height_m - centre[2]) / axis[2])[:2]
 
     def _step(
         self, a: PreparedView, b: PreparedView, level: int, motion: np.ndarray, affine: np.ndarray
@@ -165,7 +159,7 @@ class Aligner:
             H_one, g_one = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
             part = add_normal_equations(
                 points.record.points, points.greys[level], image.levels[level], *self.sizes[level],
-                self._cameras[level], motion, forth, affine[number], HUBER, H_one, g_one,
+                image.cameras[level], motion, forth, affine[number], HUBER, H_one, g_one,
             )  # fmt: skip
             if part[2] < FEWEST_POINTS // 2:
                 return None
@@ -183,17 +177,33 @@ class Aligner:
         size = float(np.hypot(*step[:2]))
         return step * min(1.0, longest / max(size, 1e-12)), H, sums
 
-    def _covariance(self, H: np.ndarray, sums: np.ndarray, height_m: float) -> np.ndarray:
-        variance = RELATED_PIXELS * sums[0] / max(sums[1], 1.0)
-        tilt = (TILT_RAD * height_m) ** 2
-        return variance * np.linalg.inv(H[:3, :3]) + np.diag([tilt, tilt, 1e-6])
-
     def _correlation(self, a: PreparedView, b: PreparedView, motion: np.ndarray) -> np.ndarray:
         """Not of the finest level, on which noise and lines finer than a pixel decide."""
         level = SEARCH_LEVEL
         return correlations(
-            a.record.points, a.greys[level], b.levels[level], *self.sizes[level], self._cameras[level], motion[None]
+            a.record.points, a.greys[level], b.levels[level], *self.sizes[level], b.cameras[level], motion[None]
         )[0]
+
+
+def _middle(camera: np.ndarray, height_m: float) -> np.ndarray:
+    """Where the middle of a view lies, (2,), by its (16,) camera of `alignment_kernels`."""
+    R, t = camera[:12].reshape(3, 4)[:, :3], camera[[3, 7, 11]]
+    centre, axis = -R.T @ t, R[2]
+    return (centre + axis * (height_m - centre[2]) / axis[2])[:2]
+
+
+def _covariance(H: np.ndarray, sums: np.ndarray, a: KeyframeRecord, b: KeyframeRecord, yaw: float) -> np.ndarray:
+    """(3, 3) of a motion T_a_b: that of the images, and what the errors of both tilts shift."""
+    result = RELATED_PIXELS * sums[0] / max(sums[1], 1.0) * np.linalg.inv(H[:3, :3])
+    result[:2, :2] += _shifted_by_tilt(b) + planar.rotation(-yaw) @ _shifted_by_tilt(a) @ planar.rotation(yaw)
+    result[2, 2] += YAW_SIGMA_RAD**2
+    return result
+
+
+def _shifted_by_tilt(record: KeyframeRecord) -> np.ndarray:
+    """(2, 2) covariance of the shift of the ceiling by an error of the tilt: pitch along x, roll along y."""
+    roll, pitch = record.tilt.sigmas
+    return np.diag([pitch * record.height_m, roll * record.height_m]) ** 2
 
 
 def _turned_about(motion: np.ndarray, middle: np.ndarray, turn: float) -> np.ndarray:

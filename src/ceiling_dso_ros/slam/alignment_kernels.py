@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Photometric comparison of points with another image: normal equations of the motion, and correlations.
 
-Points are (N, 3) float32 in their own base_link, metres, with (N,) float32 grey values. A camera is (16,) float64: the
-rotation and translation of T_camera_base, row by row, then fx, fy, cx, cy of the image, which is flat float32.
+Points are (N, 3) float32 in their own upright frame, metres, with (N,) float32 grey values. A camera is (16,) float64:
+the first three rows of T_camera_upright, then fx, fy, cx, cy of the image, which is flat float32.
 """
 
 import math
@@ -21,7 +21,7 @@ NEAREST_M = 0.1
 
 @kernel_inlined
 def _seen(camera: np.ndarray, x: float, y: float, z: float) -> Tuple[float, float, float, float, float]:
-    """Position in the camera (X, Y, Z) and pixel (u, v) of a point in base_link; Z is 0 if it is too near."""
+    """Position in the camera (X, Y, Z) and pixel (u, v) of an upright point; Z is 0 if it is too near."""
     X = camera[0] * x + camera[1] * y + camera[2] * z + camera[3]
     Y = camera[4] * x + camera[5] * y + camera[6] * z + camera[7]
     Z = camera[8] * x + camera[9] * y + camera[10] * z + camera[11]
@@ -33,7 +33,7 @@ def _seen(camera: np.ndarray, x: float, y: float, z: float) -> Tuple[float, floa
 
 @kernel
 def grey_of(points: np.ndarray, image: np.ndarray, width: int, height: int, camera: np.ndarray) -> np.ndarray:
-    """(N,) float32 grey values of points in an image of their own base_link; nan outside of it."""
+    """(N,) float32 grey values of points in an image of their own view; nan outside of it."""
     result = np.full(points.shape[0], np.nan, np.float32)
     for i in range(points.shape[0]):
         _, _, Z, u, v = _seen(camera, points[i, 0], points[i, 1], points[i, 2])
@@ -79,7 +79,7 @@ def add_normal_equations(
         value, gx, gy = sample_gradient(image, width, np.float32(u), np.float32(v))
         r = value - (affine[0] * grey[i] + affine[1])
         weight = 1.0 if abs(r) <= huber else huber / abs(r)
-        # by a shift of the point in base_link
+        # by a shift of the upright point
         ux, uy = gx * camera[12] / Z, gy * camera[13] / Z
         uz = -(ux * X + uy * Y) / Z
         bx = ux * camera[0] + uy * camera[4] + uz * camera[8]

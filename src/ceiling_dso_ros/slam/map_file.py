@@ -14,12 +14,13 @@ from typing import Dict, List, Union
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.io.errors import InputError, reason_of
 from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.slam.records import Corners, KeyframeRecord, RecordCamera
 from ceiling_dso_ros.slam.site_map import Edge, MapKeyframe, SiteMap
 
-VERSION = 1
+VERSION = 2
 KIND = "ceiling_dso_ros map"
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # of a zip archive
 LARGEST_BYTES = 2**31  # of all arrays together
@@ -32,6 +33,8 @@ ARRAYS = {
     "pose": ("<f8", "N3"),
     "odometry_pose": ("<f8", "N3"),
     "step_covariance": ("<f8", "N33"),
+    "tilt": ("<f8", "N2"),
+    "tilt_sigma": ("<f8", "N2"),
     "image": ("|u1", "NHW"),
     "point_count": ("<i4", "N"),
     "point": ("<f4", "P3"),
@@ -76,14 +79,14 @@ def read_map(path: Union[str, Path]) -> SiteMap:
     """Read a map.
 
     Raises:
-        InputError: the file cannot be read, is no map, is of a newer version, or is damaged.
+        InputError: the file cannot be read, is no map, is of another version, or is damaged.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             return _read(archive)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
-    except _NewerVersionError as error:
+    except _OtherVersionError as error:
         raise InputError(f"{path}: {error}") from error
     except DAMAGES as error:
         raise InputError(f"{path}: is no map, or is damaged; build it again with `map build` ({error})") from error
@@ -102,8 +105,8 @@ def require_camera(path: Union[str, Path], site: SiteMap, camera: RecordCamera) 
         )
 
 
-class _NewerVersionError(ValueError):
-    """The file was written by a newer version of the package."""
+class _OtherVersionError(ValueError):
+    """The file was written by another version of the package."""
 
 
 def _described(camera: RecordCamera) -> str:
@@ -140,6 +143,8 @@ def _arrays(site: SiteMap) -> Dict[str, np.ndarray]:
         "pose": np.reshape([keyframe.pose for keyframe in site.keyframes], (-1, 3)),
         "odometry_pose": np.reshape([record.pose for record in records], (-1, 3)),
         "step_covariance": np.reshape([record.step_covariance for record in records], (-1, 3, 3)),
+        "tilt": np.reshape([record.tilt.angles for record in records], (-1, 2)),
+        "tilt_sigma": np.reshape([record.tilt.sigmas for record in records], (-1, 2)),
         "image": np.reshape([record.image for record in records], (-1, *size)),
         "point_count": [len(record.points) for record in records],
         "point": joined([record.points for record in records], 3),
@@ -161,8 +166,12 @@ def _read(archive: zipfile.ZipFile) -> SiteMap:
     if not isinstance(head, dict) or head.get("kind") != KIND:
         raise ValueError("another kind of file")
     if head["version"] > VERSION:
-        raise _NewerVersionError(
+        raise _OtherVersionError(
             f"is a map of version {head['version']}, this package reads up to {VERSION}: update the package"
+        )
+    if head["version"] < VERSION:
+        raise _OtherVersionError(
+            f"is a map of version {head['version']}, whose views are not upright; build it again with `map build`"
         )
     arrays = {name: _array(archive.read(f"{name}.npy")) for name in ARRAYS}
     fx, fy, cx, cy, width, height = head["camera"]
@@ -218,6 +227,7 @@ def _keyframes(arrays: Dict[str, np.ndarray]) -> List[MapKeyframe]:
                 arrays["image"][i],
                 points[i],
                 Corners(corners[i], descriptors[i]),
+                Tilt(arrays["tilt"][i], arrays["tilt_sigma"][i]),
             ),
             arrays["pose"][i],
             int(arrays["session"][i]),

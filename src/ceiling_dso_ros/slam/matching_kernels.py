@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Comparison of descriptors by Hamming distance, and the rigid motion in the plane that most matches agree with.
 
-Descriptors are (K, 4) uint64. Points are (M, 3) float32 in base_link, metres.
+Descriptors are (K, 4) uint64. Points are (M, 3) float32 in their upright frames, metres.
 """
 
 import math

@@ -75,6 +75,8 @@ class RecordMaker:
 
     def _record(self, view: KeyframeView, pose: LeavingKeyframe, T_base_camera: np.ndarray) -> NewRecord:
         seen = View.of(view.image, view.camera, view.points.astype(np.float64))
-        record = seen.record(view.stamp_ns, pose.metres_per_unit, T_base_camera, self._pose, self._covariance)
+        record = seen.record(
+            view.stamp_ns, pose.metres_per_unit, T_base_camera, self._pose, self._covariance, pose.tilt
+        )
         begins, self._begins, self._covariance = self._begins, False, np.zeros((3, 3))
         return NewRecord(record, begins, pose.newest_ns, pose.to_newest)

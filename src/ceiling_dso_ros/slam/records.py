@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the map keeps of a keyframe: a small image, points and described corners in metres, and the metric pose.
 
-All points are in base_link: the tilt of the camera's mount is taken out. Because the floor is flat, two views of one
-place then differ by a rotation about z and a shift along x and y, and a point keeps its height.
+All points are in the upright frame: base_link turned so that its z is the normal of the plane in which the robot drives
+(`fusion.tilt`). Two views of one place then differ by a rotation about z and a shift along x and y, and a point keeps
+its height, whatever the mount of the camera is wrong by, and though the robot shakes.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ import numpy as np
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import Intrinsics, viewing_rays
 from ceiling_dso_ros.dso.geometry.projection import pixels as pixels_of
+from ceiling_dso_ros.fusion.tilt import Tilt, upright_rotation
 from ceiling_dso_ros.slam.matching_kernels import self_similar
 
 IMAGE_WIDTH_PX = 240  # largest of the kept image
@@ -31,7 +33,7 @@ class Corners(NamedTuple):
     """Described corners.
 
     Attributes:
-        position: (K, 3) float32 in base_link, metres.
+        position: (K, 3) float32 in the upright frame, metres.
         descriptor: (K, 4) uint64, 256 bits of ORB.
     """
 
@@ -75,8 +77,9 @@ class KeyframeRecord:
         pose: (3,) float64 x, y, yaw of base_link in odom, metres and rad.
         step_covariance: (3, 3) float64 of the motion from the record before, as in `fusion.planar`.
         image: (height, width) uint8, undistorted.
-        points: (N, 3) float32 of the ceiling in base_link, metres.
+        points: (N, 3) float32 of the ceiling in the upright frame, metres.
         corners: described corners with known depth, without self-similar ones.
+        tilt: of base_link against the upright frame.
     """
 
     stamp_ns: int
@@ -85,6 +88,7 @@ class KeyframeRecord:
     image: np.ndarray
     points: np.ndarray
     corners: Corners
+    tilt: Tilt
 
     @property
     def height_m(self) -> float:
@@ -162,15 +166,23 @@ class View:
         T_base_camera: np.ndarray,
         pose: np.ndarray,
         step_covariance: np.ndarray,
+        tilt: Tilt,
     ) -> KeyframeRecord:
-        """The record, in metres and in base_link; arguments as the attributes of KeyframeRecord."""
+        """The record, in metres and upright; arguments as the attributes of KeyframeRecord."""
+        T = T_upright_camera(tilt, T_base_camera)
 
-        def in_base(positions: np.ndarray) -> np.ndarray:
-            moved = metres_per_unit * positions @ T_base_camera[:3, :3].T + T_base_camera[:3, 3]
-            return np.ascontiguousarray(moved, np.float32)
+        def upright(positions: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(metres_per_unit * positions @ T[:3, :3].T + T[:3, 3], np.float32)
 
-        corners = Corners(in_base(self.corners.position), self.corners.descriptor)
-        return KeyframeRecord(stamp_ns, pose, step_covariance, self.image, in_base(self.points), corners)
+        corners = Corners(upright(self.corners.position), self.corners.descriptor)
+        return KeyframeRecord(stamp_ns, pose, step_covariance, self.image, upright(self.points), corners, tilt)
+
+
+def T_upright_camera(tilt: Tilt, T_base_camera: np.ndarray) -> np.ndarray:
+    """(4, 4) pose of the camera in the upright frame, whose origin is that of base_link."""
+    T = np.eye(4)
+    T[:3, :3] = upright_rotation(tilt.angles)
+    return T @ T_base_camera
 
 
 def handed_over(camera: PinholeCamera) -> PinholeCamera:

@@ -11,6 +11,7 @@ from ceiling_dso_ros.dso.compute.kernel_cache import compile_if_missing, complet
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.warmup import textured_plane
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.slam.localiser import Localisation, Localiser
 from ceiling_dso_ros.slam.matching_kernels import vote
 from ceiling_dso_ros.slam.records import KeyframeRecord, KeyframeView, RecordCamera, View
@@ -20,6 +21,7 @@ from ceiling_dso_ros.slam.verification import Verified, Verifier
 CAMERA = PinholeCamera(200.0, 200.0, 211.5, 119.5, 424, 240)
 STEP = 0.1  # depths, which are metres here
 KEYFRAMES = 2
+UPRIGHT = Tilt(np.zeros(2), np.full(2, 1e-3))
 
 
 def warm_up() -> bool:
@@ -39,7 +41,7 @@ def _record(number: int) -> KeyframeRecord:
     rays = viewing_rays(CAMERA.parameters, u, v)
     handed = KeyframeView.of(number, number, textured_plane(CAMERA, STEP * number), CAMERA, rays)
     view = View.of(handed.image, handed.camera, handed.points.astype(np.float64))
-    return view.record(number, 1.0, np.eye(4), np.array([STEP * number, 0.0, 0.0]), 1e-6 * np.eye(3))
+    return view.record(number, 1.0, np.eye(4), np.array([STEP * number, 0.0, 0.0]), 1e-6 * np.eye(3), UPRIGHT)
 
 
 def load_kernels(tell: Callable[[str], None]) -> None:
