@@ -46,6 +46,31 @@ def self_similar(descriptors: np.ndarray, pixels: np.ndarray, most_bits: int, be
 
 
 @kernel
+def nearest_depths(
+    pixels: np.ndarray, u: np.ndarray, v: np.ndarray, depth: np.ndarray, count: int, reach_px: float
+) -> np.ndarray:
+    """Depths of the points nearest to corners, (K, count) float64, in any order; nan where fewer are within reach.
+
+    Args:
+        pixels: (K, 2) float64 of the corners.
+        u, v, depth: (N,) float64 of the points.
+        count: of points for each corner.
+        reach_px: points further away tell nothing.
+    """
+    result = np.full((pixels.shape[0], count), np.nan)
+    apart = np.empty(count)
+    for k in range(pixels.shape[0]):
+        apart[:] = reach_px**2
+        farthest = 0
+        for i in range(u.shape[0]):
+            distance = (pixels[k, 0] - u[i]) ** 2 + (pixels[k, 1] - v[i]) ** 2
+            if distance < apart[farthest]:
+                apart[farthest], result[k, farthest] = distance, depth[i]
+                farthest = int(np.argmax(apart))
+    return result
+
+
+@kernel
 def nearest(queries: np.ndarray, among: np.ndarray) -> np.ndarray:
     """(K, 3) int64 of each query: index of the nearest, its distance, and the distance of the second nearest."""
     result = np.empty((queries.shape[0], 3), np.int64)
@@ -62,6 +87,17 @@ def nearest(queries: np.ndarray, among: np.ndarray) -> np.ndarray:
 
 
 @kernel
+def _least_distance(query: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> int:
+    """From one descriptor to many, given by word: this loop vectorises."""
+    least = np.uint64(FAR)
+    for j in range(a.shape[0]):
+        least = min(
+            least, _bits(query[0] ^ a[j]) + _bits(query[1] ^ b[j]) + _bits(query[2] ^ c[j]) + _bits(query[3] ^ d[j])
+        )
+    return int(least)
+
+
+@kernel
 def vote(queries: np.ndarray, among: np.ndarray, first: np.ndarray, most_bits: int, tie_bits: int) -> np.ndarray:
     """Votes of descriptors for keyframes, (N,) float64.
 
@@ -69,7 +105,7 @@ def vote(queries: np.ndarray, among: np.ndarray, first: np.ndarray, most_bits: i
 
     Args:
         queries: (K, 4) uint64.
-        among: (M, 4) uint64 of all keyframes, one after the other.
+        among: (4, M) uint64, the words of the descriptors of all keyframes, one after the other.
         first: (N + 1,) int64, where those of each keyframe begin.
         most_bits: a nearest descriptor further away has no vote.
         tie_bits: how much further than the nearest still shares.
@@ -80,9 +116,8 @@ def vote(queries: np.ndarray, among: np.ndarray, first: np.ndarray, most_bits: i
     for i in range(queries.shape[0]):
         best = FAR
         for k in range(count):
-            least = FAR
-            for j in range(first[k], first[k + 1]):
-                least = min(least, _distance(queries, i, among, j))
+            own = slice(first[k], first[k + 1])
+            least = _least_distance(queries[i], among[0, own], among[1, own], among[2, own], among[3, own])
             of_keyframe[k] = least
             best = min(best, least)
         if best > most_bits:
@@ -94,6 +129,20 @@ def vote(queries: np.ndarray, among: np.ndarray, first: np.ndarray, most_bits: i
             if of_keyframe[k] <= best + tie_bits:
                 votes[k] += 1.0 / sharing
     return votes
+
+
+@kernel
+def _agreeing(
+    a_x: np.ndarray, a_y: np.ndarray, b_x: np.ndarray, b_y: np.ndarray, squares: np.ndarray,
+    c: float, s: float, x: float, y: float,
+) -> int:  # fmt: skip
+    """How many matches agree with a motion of that cosine, sine and shift: this loop vectorises."""
+    count = 0
+    for k in range(a_x.shape[0]):
+        dx = a_x[k] - (c * b_x[k] - s * b_y[k] + x)
+        dy = a_y[k] - (s * b_x[k] + c * b_y[k] + y)
+        count += 1 if dx * dx + dy * dy < squares[k] else 0
+    return count
 
 
 @kernel
@@ -109,6 +158,9 @@ def motions_of_pairs(a: np.ndarray, b: np.ndarray, tolerance: np.ndarray, shorte
         (P, 4) float64: agreeing matches, x, y, yaw.
     """
     count = a.shape[0]
+    a_x, a_y = a[:, 0].astype(np.float64), a[:, 1].astype(np.float64)
+    b_x, b_y = b[:, 0].astype(np.float64), b[:, 1].astype(np.float64)
+    squares = tolerance.astype(np.float64) ** 2
     result = np.empty((count * (count - 1) // 2, 4))
     found = 0
     for i in range(count):
@@ -122,11 +174,7 @@ def motions_of_pairs(a: np.ndarray, b: np.ndarray, tolerance: np.ndarray, shorte
             mx, my = 0.5 * (b[i, 0] + b[j, 0]), 0.5 * (b[i, 1] + b[j, 1])
             x = 0.5 * (a[i, 0] + a[j, 0]) - (c * mx - s * my)
             y = 0.5 * (a[i, 1] + a[j, 1]) - (s * mx + c * my)
-            agreeing = 0
-            for k in range(count):
-                dx = a[k, 0] - (c * b[k, 0] - s * b[k, 1] + x)
-                dy = a[k, 1] - (s * b[k, 0] + c * b[k, 1] + y)
-                agreeing += dx * dx + dy * dy < tolerance[k] * tolerance[k]
+            agreeing = _agreeing(a_x, a_y, b_x, b_y, squares, c, s, x, y)
             result[found, 0], result[found, 1], result[found, 2], result[found, 3] = agreeing, x, y, yaw
             found += 1
     return result[:found]

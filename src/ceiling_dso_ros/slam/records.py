@@ -16,7 +16,7 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import Intrinsics, viewing_rays
 from ceiling_dso_ros.dso.geometry.projection import pixels as pixels_of
 from ceiling_dso_ros.fusion.tilt import Tilt, upright_rotation
-from ceiling_dso_ros.slam.matching_kernels import self_similar
+from ceiling_dso_ros.slam.matching_kernels import nearest_depths, self_similar
 
 IMAGE_WIDTH_PX = 240  # largest of the kept image
 CORNERS_WIDTH_PX = 480  # largest of the image in which corners are found
@@ -232,12 +232,8 @@ def _described(image: np.ndarray, camera: PinholeCamera, points: np.ndarray) -> 
 def _depths(pixels: np.ndarray, camera: PinholeCamera, points: np.ndarray) -> np.ndarray:
     """Depth of (K, 2) pixels, the median of the nearest points; nan where there are none, (K,)."""
     u, v = pixels_of(Intrinsics(*camera.parameters), *(points[:, :2] / points[:, 2:]).T)
-    apart = (pixels[:, 0:1] - u) ** 2 + (pixels[:, 1:2] - v) ** 2
-    count = min(DEPTH_NEIGHBOURS, len(points))
-    nearest = np.argpartition(apart, count - 1, axis=1)[:, :count]
-    near = np.take_along_axis(apart, nearest, axis=1) < DEPTH_REACH_PX**2
-    depths = np.where(near, points[nearest, 2], np.nan)
+    depths = nearest_depths(pixels, u, v, np.ascontiguousarray(points[:, 2]), DEPTH_NEIGHBOURS, DEPTH_REACH_PX)
     result = np.full(len(pixels), np.nan)
-    known = near.any(axis=1)
+    known = np.isfinite(depths).any(axis=1)
     result[known] = np.nanmedian(depths[known], axis=1)
     return result

@@ -91,7 +91,8 @@ class Appearance:
 
     def __init__(self, records: Sequence[KeyframeRecord]) -> None:
         self._first = np.cumsum([0, *(len(record.corners.descriptor) for record in records)]).astype(np.int64)
-        self._among = np.concatenate([NO_DESCRIPTORS, *(record.corners.descriptor for record in records)])
+        among = np.concatenate([NO_DESCRIPTORS, *(record.corners.descriptor for record in records)])
+        self._among = np.ascontiguousarray(among.T)
 
     def alike(self, query: KeyframeRecord, count: int) -> List[int]:
         """The records that most descriptors of a query vote for, the best first, at most so many."""
