@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
+from ceiling_dso_ros.fusion.tilt import Tilt
 from ceiling_dso_ros.msg import KeyframeView, LeftKeyframe
 from ceiling_dso_ros.ros.conversions import pose_from_matrix, ros_time
 from ceiling_dso_ros.ros.keyframe_messages import view_message
@@ -40,8 +41,13 @@ class ToldDrive:
         """(3,) true pose at the newest keyframe, and that by the odometry."""
         return tuple(planar.compose(poses[i], TO_NEWEST) for poses in (self._true, self._odom))
 
+    def tilt(self, i):
+        """The robot shakes, and its fusion knows by how much."""
+        leans = 2e-3 * np.random.default_rng([self._seed, i, 1]).normal(size=2)
+        return Tilt(leans, np.array([1e-3, 5e-4]))
+
     def view(self, i):
-        image, points = ceiling.seen(self._texture, self._true[i], i, self._seed)
+        image, points = ceiling.seen(self._texture, self._true[i], i, self._seed, leans=self.tilt(i).angles)
         return records.KeyframeView.of(self.stamp_ns(i), i, image, ceiling.CAMERA, points)
 
     def left(self, i):
@@ -50,7 +56,7 @@ class ToldDrive:
         covariance = COVARIANCE if i else np.zeros((3, 3))
         stamps_ns = self.stamp_ns(i), before_ns
         newest = self.newest_ns(i), TO_NEWEST
-        return LeavingKeyframe(i, *stamps_ns, self._odom[i], motion, covariance, 1.0, *newest, ceiling.UPRIGHT)
+        return LeavingKeyframe(i, *stamps_ns, self._odom[i], motion, covariance, 1.0, *newest, self.tilt(i))
 
 
 class Teller:
