@@ -26,7 +26,7 @@ from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
 
-MOUNT_SIGMA_RAD = 0.01  # two degrees, by which a mount may be wrong
+MOUNT_SIGMA_RAD = 5e-3  # 0.3 degrees; calibrated mounts are better, and turns tell of one that is much worse
 MOUNT_WALK_RAD = 5e-5  # from node to node: a load bends the robot
 SHAKING_RAD = 2e-3  # first guess: a tenth of a degree
 GUESS_WEIGHT = 10.0  # of that guess, in nodes

@@ -48,13 +48,15 @@ class Alignment:
 
     Attributes:
         motion: (3,) T_a_b.
-        covariance: (3, 3) of it, as in `fusion.planar`.
+        covariance: (3, 3) of it, as in `fusion.planar`, with the errors of both tilts.
+        sigma_m: of its shift along the less certain axis, by the images alone.
         correlation: of the grey values, the smaller one of both directions.
         points: in view, of both directions together.
     """
 
     motion: np.ndarray
     covariance: np.ndarray
+    sigma_m: float
     correlation: float
     points: int
 
@@ -101,9 +103,10 @@ class Aligner:
                 if (np.abs(step) < CLOSE).all():
                     break
         forth, back = self._correlation(a, b, motion), self._correlation(b, a, planar.inverse(motion))
-        return Alignment(
-            motion, _covariance(H, sums, a.record, b.record, motion[2]), min(forth[0], back[0]), int(forth[1] + back[1])
-        )
+        by_images = RELATED_PIXELS * sums[0] / max(sums[1], 1.0) * np.linalg.inv(H[:3, :3])
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(by_images[:2, :2])[1]))
+        covariance = by_images + _beside_images(a.record, b.record, motion[2])
+        return Alignment(motion, covariance, sigma_m, min(forth[0], back[0]), int(forth[1] + back[1]))
 
     def others(
         self, a: PreparedView, b: PreparedView, found: Alignment, share: float,
@@ -192,11 +195,11 @@ def _middle(camera: np.ndarray, height_m: float) -> np.ndarray:
     return (centre + axis * (height_m - centre[2]) / axis[2])[:2]
 
 
-def _covariance(H: np.ndarray, sums: np.ndarray, a: KeyframeRecord, b: KeyframeRecord, yaw: float) -> np.ndarray:
-    """(3, 3) of a motion T_a_b: that of the images, and what the errors of both tilts shift."""
-    result = RELATED_PIXELS * sums[0] / max(sums[1], 1.0) * np.linalg.inv(H[:3, :3])
-    result[:2, :2] += _shifted_by_tilt(b) + planar.rotation(-yaw) @ _shifted_by_tilt(a) @ planar.rotation(yaw)
-    result[2, 2] += YAW_SIGMA_RAD**2
+def _beside_images(a: KeyframeRecord, b: KeyframeRecord, yaw: float) -> np.ndarray:
+    """(3, 3) covariance of a motion T_a_b with a yaw by the errors of both tilts, and of depths."""
+    result = np.zeros((3, 3))
+    result[:2, :2] = _shifted_by_tilt(b) + planar.rotation(-yaw) @ _shifted_by_tilt(a) @ planar.rotation(yaw)
+    result[2, 2] = YAW_SIGMA_RAD**2
     return result
 
 

@@ -102,7 +102,7 @@ class Verifier:
             return f"only {found.points} points in common"
         if found.correlation < least_correlation:
             return f"the images differ: correlation {found.correlation:.2f}"
-        if np.sqrt(np.linalg.eigvalsh(found.covariance[:2, :2])[1]) > LARGEST_SIGMA_M:
+        if found.sigma_m > LARGEST_SIGMA_M:
             return "the images do not determine the motion"
         return ""
 
