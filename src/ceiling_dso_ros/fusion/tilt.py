@@ -13,27 +13,31 @@ A plane in the world, such as a map that leans, turns against base_link with the
     t = m + shaking,    h = lever . (t - m) + unevenness of the floor.
 
 All of this is linear: a Kalman filter of x = (t, m, h), and a Rauch-Tung-Striebel smoother back from the newest node.
-The variance of the shaking is learned from how far t - m is from where it was expected: a robot on rubber wheels shakes
-by a tenth of a degree, one on a bad floor by several times that.
+
+How much a robot shakes depends on its wheels and floor. How much the odometry errs depends on the ceiling: a faint one
+may let it lean by a milliradian a step, always to the same side. So filters with several such noises run side by side
+as interacting multiple models, and the most probable one is smoothed: the more the odometry errs, the more it holds to
+t = m. The models interact where an interval is settled: one that was wrong begins anew from those that were right.
 """
 
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence
 
 import numpy as np
 
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import Interval
-from ceiling_dso_ros.fusion.visual import VisualMotion
 
 MOUNT_SIGMA_RAD = 5e-3  # 0.3 degrees; calibrated mounts are better, and turns tell of one that is much worse
 MOUNT_WALK_RAD = 5e-5  # from node to node: a load bends the robot
-SHAKING_RAD = 2e-3  # first guess: a tenth of a degree
-GUESS_WEIGHT = 10.0  # of that guess, in nodes
-MEMORY = 100.0  # nodes from which the shaking is learned
-LEAST_SHAKING_RAD = 2e-4
 UNEVENNESS_M = 2e-3  # half of the 4 mm in a metre within which the floor of a building is level (DIN 18202)
 OUTLIER = 3.0  # sigmas, beyond which shaking counts less (Huber): the robot drives over a cable
+# The noises of the models: shaking (rad, of roll and of pitch), and the odometry's errors in units of those of
+# `VisualConfig`. At first those that differ by one step from the usual ones are one sigma away.
+SHAKING_RAD = 2e-3
+SHAKINGS_RAD = SHAKING_RAD * 2.0 ** np.arange(-2, 3)
+ERRORS = 4.0 ** np.arange(3)
+CHANGES = 1.0 / 40.0  # how often the noise changes, of all nodes: after ten metres, under another part of the ceiling
 
 T, M, H = slice(0, 2), slice(2, 4), 4  # of x
 
@@ -56,26 +60,28 @@ def upright_rotation(angles: np.ndarray) -> np.ndarray:
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
-class _State(NamedTuple):
-    """Gaussian of x at a node: (5,) mean and (5, 5) covariance."""
+class _States(NamedTuple):
+    """Gaussians of x at a node, of N filters.
+
+    Attributes:
+        node: the node.
+        mean: (N, 5).
+        covariance: (N, 5, 5).
+        score: (N,) logarithm of the probability of each filter, up to a constant.
+    """
 
     node: int
     mean: np.ndarray
     covariance: np.ndarray
-
-    @property
-    def tilt(self) -> Tilt:
-        """The third row of R_upright_base is n."""
-        (x, y), (var_x, var_y) = self.mean[T], self.covariance.diagonal()[T]
-        return Tilt(np.array([y, -x]), np.sqrt([var_y, var_x]))
+    score: np.ndarray
 
 
 class _Step(NamedTuple):
-    """A step of the filter: what was predicted by a (5, 5) transition, and the state after what is known of it."""
+    """A step of the filters: what a (5, 5) transition has predicted, and the states after what is known of the node."""
 
     transition: np.ndarray
-    predicted: _State
-    state: _State
+    predicted: _States
+    states: _States
 
 
 class TiltFilter:
@@ -87,22 +93,22 @@ class TiltFilter:
 
     def __init__(self, config: VisualConfig) -> None:
         self._config = config
-        self._settled = _State(0, np.zeros(5), np.diag([0.0, 0.0, MOUNT_SIGMA_RAD, MOUNT_SIGMA_RAD, 0.0]) ** 2)
-        self._squares, self._weight = GUESS_WEIGHT * SHAKING_RAD**2, GUESS_WEIGHT
+        shaking, errors = (axis.ravel() for axis in np.meshgrid(SHAKINGS_RAD, ERRORS))
+        self._shaking, self._errors = shaking, errors  # (N,) of each filter
+        count = len(shaking)
+        mount = np.diag([0.0, 0.0, MOUNT_SIGMA_RAD, MOUNT_SIGMA_RAD, 0.0]) ** 2
+        likely = -0.5 * (np.log2(shaking / SHAKING_RAD) ** 2 + (0.5 * np.log2(errors)) ** 2)
+        self._settled = _States(0, np.zeros((count, 5)), np.repeat(mount[None], count, axis=0), likely)
 
     @property
     def shaking_rad(self) -> float:
-        """Standard deviation of roll and of pitch while driving, as far as it is known by now."""
-        return max(LEAST_SHAKING_RAD, float(np.sqrt(max(self._squares / self._weight, 0.0))))
+        """Standard deviation of roll and of pitch while driving that explains the nodes so far best."""
+        return float(self._shaking[np.argmax(self._settled.score)])
 
     def settle(self, interval: Interval, metres_per_unit: float) -> None:
         """Take in the oldest interval of the graph for good: it will be gone when there is a new node."""
-        if interval.end <= self._settled.node:
-            return
-        step = self._step(self._settled, interval, metres_per_unit)
-        if interval.visual is not None:
-            self._learn(step.predicted)
-        self._settled = step.state
+        if interval.end > self._settled.node:
+            self._settled = self._step(_mixed(self._settled), interval, metres_per_unit).states
 
     def smoothed(self, intervals: Sequence[Interval], metres_per_unit: Sequence[float]) -> Dict[int, Tilt]:
         """The tilts by node, from the one that was settled last.
@@ -112,81 +118,85 @@ class TiltFilter:
             metres_per_unit: at the end of each.
         """
         steps: List[_Step] = []
-        state = first = self._settled
+        states = first = self._settled
         for interval, scale in zip(intervals, metres_per_unit):
             if interval.end > first.node:
-                steps.append(self._step(state, interval, scale))
-                state = steps[-1].state
-        result = {state.node: state.tilt}
-        for before, after in zip(reversed([first, *(step.state for step in steps[:-1])]), reversed(steps)):
-            state = _smoothed(before, after, state)
-            result[state.node] = state.tilt
+                steps.append(self._step(states, interval, scale))
+                states = steps[-1].states
+        best = int(np.argmax(states.score))
+        mean, covariance = states.mean[best], states.covariance[best]
+        result = {states.node: _tilt(mean, covariance)}
+        for before, after in zip(reversed([first, *(step.states for step in steps[:-1])]), reversed(steps)):
+            predicted = after.predicted.covariance[best]
+            gain = np.linalg.solve(predicted, after.transition @ before.covariance[best]).T
+            mean = before.mean[best] + gain @ (mean - after.predicted.mean[best])
+            covariance = before.covariance[best] + gain @ (covariance - predicted) @ gain.T
+            result[before.node] = _tilt(mean, covariance)
         return result
 
-    def _step(self, before: _State, interval: Interval, metres_per_unit: float) -> _Step:
+    def _step(self, before: _States, interval: Interval, metres_per_unit: float) -> _Step:
         visual = interval.visual if interval.end == before.node + 1 else None
-        if visual is None:
-            transition, noise = self._blind()
-        else:
-            transition, noise = self._seen(visual, metres_per_unit)
-        mean = transition @ before.mean
-        if visual is not None:
-            mean[T] -= planar.rotation(-visual.yaw) @ visual.tilt
-            mean[H] += metres_per_unit * visual.climb
-        predicted = _State(interval.end, mean, transition @ before.covariance @ transition.T + np.diag(noise))
-        # What is known of a robot that was not seen is in the prediction.
-        return _Step(transition, predicted, predicted if visual is None else self._upright(predicted, visual.lever_m))
-
-    def _seen(self, visual: VisualMotion, metres_per_unit: float) -> Tuple[np.ndarray, np.ndarray]:
-        """(5, 5) transition and the (5,) variances of its noise."""
         transition = np.eye(5)
-        transition[T, T] = planar.rotation(-visual.yaw)
-        transition[H, T] = metres_per_unit * visual.shift
-        turn, climb = self._config.yaw_sigma_rad, metres_per_unit * self._config.translation_sigma
-        return transition, np.array([turn, turn, MOUNT_WALK_RAD, MOUNT_WALK_RAD, climb]) ** 2
+        noise = np.empty((len(before.mean), 5))
+        noise[:, M] = MOUNT_WALK_RAD
+        if visual is None:  # t = m + shaking, and the camera is as high as ever
+            transition[T, T], transition[T, M], transition[H, H] = 0.0, np.eye(2), 0.0
+            noise[:, T], noise[:, H] = self._shaking[:, None], UNEVENNESS_M
+        else:
+            transition[T, T] = planar.rotation(-visual.yaw)
+            transition[H, T] = metres_per_unit * visual.shift
+            noise[:, T] = self._errors[:, None] * self._config.yaw_sigma_rad
+            noise[:, H] = self._errors * metres_per_unit * self._config.translation_sigma
+        mean = before.mean @ transition.T
+        covariance = transition @ before.covariance @ transition.T
+        covariance[:, range(5), range(5)] += noise**2
+        if visual is None:  # what is known of a robot that was not seen is in the prediction
+            predicted = _States(interval.end, mean, covariance, before.score)
+            return _Step(transition, predicted, predicted)
+        mean[:, T] -= transition[T, T] @ visual.tilt
+        mean[:, H] += metres_per_unit * visual.climb
+        predicted = _States(interval.end, mean, covariance, before.score)
+        return _Step(transition, predicted, self._upright(predicted, visual.lever_m))
 
-    def _blind(self) -> Tuple[np.ndarray, np.ndarray]:
-        """The same where the camera saw nothing: t = m + shaking, and the camera is as high as ever."""
-        transition = np.zeros((5, 5))
-        transition[T, M] = transition[M, M] = np.eye(2)
-        shaking = self.shaking_rad
-        return transition, np.array([shaking, shaking, MOUNT_WALK_RAD, MOUNT_WALK_RAD, UNEVENNESS_M]) ** 2
-
-    def _upright(self, state: _State, lever_m: np.ndarray) -> _State:
+    def _upright(self, states: _States, lever_m: np.ndarray) -> _States:
         """After t - m = 0 up to shaking, and h - lever . (t - m) = 0 up to the floor's unevenness."""
-        shaking = np.eye(3, 5) - np.eye(3, 5, 2)
-        shaking[2] = [-lever_m[0], -lever_m[1], lever_m[0], lever_m[1], 1.0]
-        error = -shaking @ state.mean
-        total = shaking @ state.covariance @ shaking.T
-        variance = self.shaking_rad**2
-        variance *= max(1.0, _sigmas(error[:2], total[:2, :2] + variance * np.eye(2)) / OUTLIER)
-        total += np.diag([variance, variance, UNEVENNESS_M**2])
-        gain = np.linalg.solve(total, shaking @ state.covariance).T
-        covariance = state.covariance - gain @ total @ gain.T
-        return _State(state.node, state.mean + gain @ error, 0.5 * (covariance + covariance.T))
-
-    def _learn(self, predicted: _State) -> None:
-        """Learn the shaking: the square of t - m has the variance of the prediction, too, and weighs less for it."""
-        P = predicted.covariance
-        expected = 0.5 * float(np.trace(P[T, T] - P[T, M] - P[M, T] + P[M, M]))
-        error = predicted.mean[T] - predicted.mean[M]
-        variance = self.shaking_rad**2
-        weight = (variance / (variance + expected)) ** 2
-        square = 0.5 * float(error @ error)
-        square /= max(1.0, np.sqrt(square / (variance + expected)) / OUTLIER)
-        kept = max(0.0, 1.0 - weight / MEMORY)
-        self._squares = kept * self._squares + weight * (square - expected)
-        self._weight = kept * self._weight + weight
+        measured = np.eye(3, 5) - np.eye(3, 5, 2)
+        measured[2] = [-lever_m[0], -lever_m[1], lever_m[0], lever_m[1], 1.0]
+        cross = states.covariance @ measured.T
+        total = measured @ cross
+        total[:, [0, 1], [0, 1]] += self._shaking[:, None] ** 2
+        total[:, 2, 2] += UNEVENNESS_M**2
+        error = -states.mean @ measured.T
+        sigmas = np.sqrt(np.einsum("ni,nij,nj->n", error[:, :2], np.linalg.inv(total[:, :2, :2]), error[:, :2]))
+        more = (np.maximum(sigmas / OUTLIER, 1.0) - 1.0) * self._shaking**2
+        total[:, [0, 1], [0, 1]] += more[:, None]
+        inverse = np.linalg.inv(total)
+        gain = cross @ inverse
+        covariance = states.covariance - gain @ cross.transpose(0, 2, 1)
+        fit = np.einsum("ni,nij,nj->n", error, inverse, error) + np.log(np.linalg.det(total))
+        return _States(
+            states.node,
+            states.mean + np.einsum("nij,nj->ni", gain, error),
+            0.5 * (covariance + covariance.transpose(0, 2, 1)),
+            states.score - 0.5 * fit,
+        )
 
 
-def _sigmas(error: np.ndarray, covariance: np.ndarray) -> float:
-    """Mahalanobis distance of (2,) from zero."""
-    return float(np.sqrt(error @ planar.inverse_2x2(covariance) @ error))
+def _mixed(states: _States) -> _States:
+    """What each filter begins with if another one may have been right up to here: the moments of the mixture."""
+    count = len(states.score)
+    probable = np.exp(states.score - states.score.max())
+    switches = (1.0 - CHANGES) * np.eye(count) + CHANGES / count
+    joint = probable[:, None] / probable.sum() * switches  # (from, to)
+    probable = joint.sum(axis=0)
+    share = joint / probable
+    mean = share.T @ states.mean
+    apart = states.mean[:, None] - mean
+    covariance = np.einsum("ij,iab->jab", share, states.covariance) + np.einsum("ij,ija,ijb->jab", share, apart, apart)
+    return _States(states.node, mean, covariance, np.log(probable))
 
 
-def _smoothed(filtered: _State, step: _Step, after: _State) -> _State:
-    """The state before a step, given the smoothed one after it."""
-    gain = np.linalg.solve(step.predicted.covariance, step.transition @ filtered.covariance).T
-    mean = filtered.mean + gain @ (after.mean - step.predicted.mean)
-    covariance = filtered.covariance + gain @ (after.covariance - step.predicted.covariance) @ gain.T
-    return _State(filtered.node, mean, 0.5 * (covariance + covariance.T))
+def _tilt(mean: np.ndarray, covariance: np.ndarray) -> Tilt:
+    """The tilt of (5,) x: the third row of R_upright_base is n."""
+    (x, y), (var_x, var_y) = mean[T], covariance.diagonal()[T]
+    return Tilt(np.array([y, -x]), np.sqrt([var_y, var_x]))
