@@ -65,15 +65,15 @@ class Robot:
             T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(turned).as_matrix()
             self.intervals.append(Interval(number, 0, None, VisualMotion.from_camera(T, CAMERA), True))
 
-    def followed(self, to=None):
+    def followed(self, to=None, unit_m=UNIT_M):
         """The filter, and the tilts of the last window."""
         tilts = TiltFilter(CONFIG)
         count = len(self.intervals) if to is None else to
         for newest in range(1, count + 1):
             window = self.intervals[max(0, newest - WINDOW) : newest]
             if newest < count:
-                tilts.settle(window[0], UNIT_M)
-        return tilts, tilts.smoothed(window, [UNIT_M] * len(window))
+                tilts.settle(window[0], unit_m)
+        return tilts, tilts.smoothed(window, [unit_m] * len(window))
 
     def errors(self, tilts):
         """(N, 2) errors of tilts by node, and (N, 2) their sigmas."""
@@ -213,6 +213,23 @@ def test_where_the_camera_was_blind_only_the_mount_is_known():
     assert (last.sigmas >= tilts.shaking_rad).all()
     error, sigma = robot.errors(of_node)
     assert (np.abs(error[-1]) < 4.5 * sigma[-1]).all()
+
+
+def test_impossible_motions_leave_the_numbers_in_order():
+    """What an odometry of random numbers may tell, up to 1e8 units."""
+    rng = np.random.default_rng(0)
+    for unit_m in 10.0 ** np.arange(-4, 5):
+        robot = Robot(circle(60))
+        for number, interval in enumerate(robot.intervals[1:], 1):
+            size = 10.0 ** rng.uniform(-3.0, 8.0)
+            tilt, yaw = rng.uniform(-CONFIG.tilt_limit_rad, CONFIG.tilt_limit_rad, 2), rng.uniform(-3.0, 3.0)
+            lever_m = interval.visual.lever_m
+            visual = VisualMotion(size * rng.normal(size=2), size * rng.normal(), yaw, tilt, lever_m)
+            robot.intervals[number] = replace(interval, visual=visual)
+        _, tilts = robot.followed(unit_m=unit_m)
+        for tilt in tilts.values():
+            assert np.isfinite(tilt.angles).all()
+            assert (tilt.sigmas > 0.0).all()
 
 
 @pytest.mark.parametrize("told", [True, False])

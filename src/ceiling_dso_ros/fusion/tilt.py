@@ -27,6 +27,7 @@ import numpy as np
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import Interval
+from ceiling_dso_ros.fusion.visual import VisualMotion
 
 MOUNT_SIGMA_RAD = 5e-3  # 0.3 degrees; calibrated mounts are better, and turns tell of one that is much worse
 MOUNT_WALK_RAD = 5e-5  # from node to node: a load bends the robot
@@ -38,6 +39,8 @@ SHAKING_RAD = 2e-3
 SHAKINGS_RAD = SHAKING_RAD * 2.0 ** np.arange(-2, 3)
 ERRORS = 4.0 ** np.arange(3)
 CHANGES = 1.0 / 40.0  # how often the noise changes, of all nodes: after ten metres, under another part of the ceiling
+
+LONGEST_STEP_M = 100.0  # a step beyond it is no motion between two keyframes, and its errors would drown all numbers
 
 T, M, H = slice(0, 2), slice(2, 4), 4  # of x
 
@@ -136,6 +139,8 @@ class TiltFilter:
 
     def _step(self, before: _States, interval: Interval, metres_per_unit: float) -> _Step:
         visual = interval.visual if interval.end == before.node + 1 else None
+        if visual is not None and not _is_short(visual, metres_per_unit):
+            visual = None
         transition = np.eye(5)
         noise = np.empty((len(before.mean), 5))
         noise[:, M] = MOUNT_WALK_RAD
@@ -180,6 +185,10 @@ class TiltFilter:
             0.5 * (covariance + covariance.transpose(0, 2, 1)),
             states.score - 0.5 * fit,
         )
+
+
+def _is_short(visual: VisualMotion, metres_per_unit: float) -> bool:
+    return bool(metres_per_unit * np.linalg.norm([*visual.shift, visual.climb]) < LONGEST_STEP_M)
 
 
 def _mixed(states: _States) -> _States:
