@@ -29,7 +29,7 @@ from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.graph import Interval
 from ceiling_dso_ros.fusion.visual import VisualMotion
 
-MOUNT_SIGMA_RAD = 5e-3  # 0.3 degrees; calibrated mounts are better, and turns tell of one that is much worse
+MOUNT_SIGMA_RAD = 2.5e-3  # 0.15 degrees: five times what `calibrate` is wrong by; turns tell of a mount that is worse
 MOUNT_WALK_RAD = 5e-5  # from node to node: a load bends the robot
 UNEVENNESS_M = 2e-3  # half of the 4 mm in a metre within which the floor of a building is level (DIN 18202)
 OUTLIER = 3.0  # sigmas, beyond which shaking counts less (Huber): the robot drives over a cable
