@@ -100,7 +100,7 @@ def stopped_for_a_while(sequence, truth, begin_s, length_s, stands):
     rolled = v if not stands else np.where((now >= begin) & (now < begin + length), 0.8, v[standing % len(v)])[: len(v)]
     turned = w if not stands else np.where(now[: len(w)] < begin, w, w[standing[: len(w)] % len(w)])
     ticks = encoder_ticks(stamps, rolled, turned, robot, truth, rng)
-    statuses, units = record_camera(stamps, true if stands else poses[frozen_now], truth, rng)
+    statuses, units, _ = record_camera(stamps, true if stands else poses[frozen_now], truth, rng)
     return Drive(robot, stamps, true, ticks, statuses, units)
 
 

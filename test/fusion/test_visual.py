@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import VisualConfig
 from ceiling_dso_ros.fusion.visual import VisualMotion
@@ -79,3 +80,23 @@ def test_what_the_images_say_comes_on_top_of_the_error_model():
     without, with_it = VisualMotion.from_camera(T, mount()), VisualMotion.from_camera(T, mount(), covariance)
     np.testing.assert_allclose(with_it.noise(config) - without.noise(config), with_it.covariance, rtol=1e-9, atol=1e-15)
     assert np.diag(without.noise(config)) == pytest.approx(np.square([1.5e-4, 1.5e-4, 2e-4]))
+
+
+def test_the_errors_of_both_images_are_in_a_motion_on_its_own():
+    """By numeric derivatives: both poses are moved in their cameras' own axes."""
+    rng = np.random.default_rng(3)
+    T_base_camera = mount()
+    before, after = (se3.exp(rng.normal(0.0, 0.02, 6) * (1, 1, 0.1, 0.1, 0.1, 8)) for _ in range(2))
+    covariances = [np.diag(rng.uniform(1.0, 4.0, 6)) * 1e-8 for _ in range(2)]
+
+    def planar_of(xi):
+        moved = [T @ se3.exp(part) for T, part in zip((before, after), (xi[:6], xi[6:]))]
+        motion = VisualMotion.from_camera(se3.inverse(moved[0]) @ moved[1], T_base_camera)
+        return np.array([*motion.shift, motion.yaw])
+
+    steps = 1e-6 * np.eye(12)
+    J = np.array([(planar_of(step) - planar_of(-step)) / 2e-6 for step in steps]).T
+    expected = J @ np.block([[covariances[0], np.zeros((6, 6))], [np.zeros((6, 6)), covariances[1]]]) @ J.T
+    start = VisualMotion.from_camera(np.eye(4), T_base_camera, covariances[0])
+    motion = VisualMotion.from_camera(se3.inverse(before) @ after, T_base_camera, covariances[1])
+    np.testing.assert_allclose(motion.with_start(start).covariance, expected, rtol=0.02, atol=1e-11)

@@ -192,12 +192,14 @@ class KeyframeBackend:
         return self._on_floor(T, status.relative_covariance)
 
     def motion_between(self, before: OdometryStatus, after: OdometryStatus) -> Optional[VisualMotion]:
-        """Motion of the camera between two tracked images; None when they cannot be related."""
+        """Motion of the camera between two tracked images, with both errors; None when they cannot be related."""
         first = self._chain.from_newest(before.keyframe_id, before.T_keyframe_camera)
         second = self._chain.from_newest(after.keyframe_id, after.T_keyframe_camera)
         if first is None or second is None:
             return None
-        return self._on_floor(se3.inverse(first) @ second, after.relative_covariance)
+        visual = self._on_floor(se3.inverse(first) @ second, after.relative_covariance)
+        start = VisualMotion.from_camera(np.eye(4), self._T_base_camera, before.relative_covariance)
+        return None if visual is None else visual.with_start(start)
 
     def wheels_contradict(self, wheels: WheelMotion, visual: VisualMotion) -> bool:
         """Whether the wheels slip between two images of the newest segment."""
@@ -266,7 +268,9 @@ class KeyframeBackend:
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
-        found = self.monitor.compare(interval.wheels, interval.visual, scale, self.estimate.scale_sigma)
+        before = self._graph.intervals[-1].visual if self._graph.intervals else None
+        visual = interval.visual if before is None else interval.visual.with_start(before)
+        found = self.monitor.compare(interval.wheels, visual, scale, self.estimate.scale_sigma)
         known = self.scale_known and interval.continues
         if self.scale_was_known and not known and self.monitor.beyond_gate(found, scale_known=False):
             self._refused.append(interval.end)

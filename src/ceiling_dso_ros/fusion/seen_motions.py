@@ -86,7 +86,7 @@ class SeenMotions:
         """Mean forward speed and yaw rate between two images."""
         gap_s = seconds(seen.end_ns - seen.start_ns)
         rate = seen.visual.base_motion(self._backend.scale.value)[::2] / gap_s
-        variances = np.diag(self._covariance(seen.visual))[::2] * 2.0 / gap_s**2
+        variances = np.diag(self._covariance(seen.visual))[::2] / gap_s**2
         return MeanTwist(self._track.end_ns, seen.start_ns, seen.end_ns, rate, np.diag(variances), of_wheels=False)
 
     def sighting(self, status: OdometryStatus) -> Optional[Sighting]:

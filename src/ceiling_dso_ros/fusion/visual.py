@@ -2,7 +2,7 @@
 """Motion of the robot in the plane between two images by the visual odometry, in VO units."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Optional
 
 import numpy as np
@@ -21,7 +21,8 @@ class VisualMotion:
         yaw: turn about base z, rad.
         tilt: (2,) x and y of the base's z axis after the motion, about (pitch, -roll), rad.
         lever_m: (3,) position of the camera in the base, metres.
-        covariance: (3, 3) of (shift, yaw) as the odometry computes it, units and rad; zeros where it does not.
+        covariance: (3, 3) of (shift, yaw) by the error of the second image as the odometry computes it, units and rad;
+            zeros where it does not. See `with_start`.
     """
 
     shift: np.ndarray
@@ -60,6 +61,20 @@ class VisualMotion:
             self.lever_m,
             further.covariance,
         )
+
+    def with_start(self, before: "VisualMotion") -> "VisualMotion":
+        """This motion with the errors of both of its images, as it is wrong on its own.
+
+        In a chain of motions the error of an image between two of them is in both and falls out, so that each of them
+        has that of its end alone.
+
+        Args:
+            before: ends where this one begins.
+        """
+        by_start = np.eye(3)
+        by_start[:2, :2] = planar.rotation(-before.yaw)
+        by_start[:2, 2] = -self.shift[1], self.shift[0]
+        return replace(self, covariance=self.covariance + by_start @ before.covariance @ by_start.T)
 
     def noise(self, config: VisualConfig) -> np.ndarray:
         """(3, 3) covariance of (shift, yaw), units and rad.
