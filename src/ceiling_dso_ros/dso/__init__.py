@@ -7,6 +7,7 @@ from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.odometry import DirectOdometry
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.stereo.rig import StereoRig
 
 __all__ = [
     "CameraMotion",
@@ -17,5 +18,6 @@ __all__ = [
     "OdometryConfig",
     "OdometryStatus",
     "PinholeCamera",
+    "StereoRig",
     "TrackingState",
 ]

@@ -14,7 +14,7 @@ from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.images.exposure_scale import ExposureScale
-from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.images.frame import Frame, RightImage
 from ceiling_dso_ros.dso.images.noise import noise_level
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool, check_trackable
 from ceiling_dso_ros.dso.images.selection import PixelSelector
@@ -26,6 +26,7 @@ from ceiling_dso_ros.dso.segment import Segment
 from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck
 from ceiling_dso_ros.dso.start.map_start import MapStart
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingLostError, TrackingState, UntrackedImageError
+from ceiling_dso_ros.dso.stereo.rig import StereoRig
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker, TrackedFrame
 from ceiling_dso_ros.dso.tracking.track_history import ExpectedMotion
 
@@ -46,9 +47,15 @@ class DirectOdometry:
 
     def __init__(
         self, camera: PinholeCamera, config: OdometryConfig = OdometryConfig(),
-        scheduler: Optional[SequentialScheduler] = None,
+        scheduler: Optional[SequentialScheduler] = None, rig: Optional[StereoRig] = None,
     ) -> None:  # fmt: skip
         """Prepare for images of a camera.
+
+        Args:
+            camera: of the images.
+            config: all settings.
+            scheduler: of the mapping; None for one that does it at once.
+            rig: a second camera, which tells the scale of keyframes; None without one.
 
         Raises:
             ConfigError: a setting is out of range, or images of that size cannot be tracked.
@@ -57,6 +64,7 @@ class DirectOdometry:
         check_trackable(camera)
         self.camera = camera
         self.config = config
+        self._rig = rig
         self._scheduler = SequentialScheduler() if scheduler is None else scheduler
         self.reset()
 
@@ -78,7 +86,7 @@ class DirectOdometry:
 
     def track(
         self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float] = None,
-        prediction: Optional[CameraMotion] = None,
+        prediction: Optional[CameraMotion] = None, right: Optional[RightImage] = None,
     ) -> OdometryStatus:  # fmt: skip
         """Process one image.
 
@@ -88,10 +96,12 @@ class DirectOdometry:
             exposure_ms: exposure time, None or not positive when unknown.
             prediction: motion to this image from the one that the last status asks for, predicted by other sensors;
                 None if there is no prediction.
+            right: gives the image of the second camera at this time, (height, width) float32, like this one, or None;
+                only called, perhaps by another thread, if the image becomes a keyframe.
         """
         segment, timer = self._segment, StageTimer()
         with timer.stage("pyramid"):
-            frame = self._new_frame(image, stamp_ns, exposure_ms, prediction)
+            frame = self._new_frame(image, stamp_ns, exposure_ms, prediction, right)
         try:
             segment.take_in_map(timer)
             if segment.map is None:
@@ -136,8 +146,9 @@ class DirectOdometry:
         return self._segment.status_without_pose(stamp_ns, TrackingState.RETRYING, reason, StageTimer())
 
     def _new_frame(
-        self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float], prediction: Optional[CameraMotion]
-    ) -> Frame:
+        self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float], prediction: Optional[CameraMotion],
+        right: Optional[RightImage],
+    ) -> Frame:  # fmt: skip
         if image.shape != (self.camera.height, self.camera.width):
             raise ValueError(
                 f"image of {'x'.join(str(side) for side in image.shape[::-1])} pixels, "
@@ -147,10 +158,12 @@ class DirectOdometry:
         if segment.smooth is None:
             noise = noise_level(image)
             segment.smooth = None if noise is None else noise > self.config.images.max_noise
-        slot = self._pool.build(image, bool(segment.smooth))
+        smooth = bool(segment.smooth)
+        slot = self._pool.build(image, smooth)
         if prediction is not None:
             self._normal = prediction.normal
-        return Frame(stamp_ns, self._exposures.of(exposure_ms), slot, np.eye(4), np.zeros(2), self._normal)
+        exposure = self._exposures.of(exposure_ms)
+        return Frame(stamp_ns, exposure, slot, np.eye(4), np.zeros(2), self._normal, right, smooth)
 
     def _initialize(self, frame: Frame, prediction: Optional[CameraMotion], timer: StageTimer) -> OdometryStatus:
         """Collect frames for a first map; there is no pose before the map is accepted."""
@@ -215,7 +228,7 @@ class DirectOdometry:
         self._pool.release_all(() if start is None else start.slots)
         if start is None:
             start = MapStart(self._pool, self._selector, self.camera, self.config.initialization)
-        mapper = Mapper(self.camera, self.config, self._pool, self._selector, number, first_keyframe_id)
+        mapper = Mapper(self.camera, self.config, self._pool, self._selector, number, first_keyframe_id, self._rig)
         return Segment(
             number,
             first_keyframe_id,

@@ -40,6 +40,9 @@ class KeyframeEstimate:
         affine: brightness parameters (a, b) of equation (4).
         leaves: True when it has been marginalised, so this estimate is its last.
         depth: median depth of the map's points as it saw them when it was made, VO units; nan where it saw too few.
+        log_scale: natural logarithm of metres per unit, by a second camera; nan without one, or where it does not tell.
+        log_scale_sigma: standard deviation of it, by what is independent of the keyframes before.
+        log_scale_common_sigma: the same, by what all keyframes have in common: errors of the cameras' geometry.
     """
 
     keyframe_id: int
@@ -49,6 +52,9 @@ class KeyframeEstimate:
     affine: Tuple[float, float]
     leaves: bool
     depth: float = float("nan")
+    log_scale: float = float("nan")
+    log_scale_sigma: float = float("nan")
+    log_scale_common_sigma: float = float("nan")
 
 
 @dataclass(frozen=True)

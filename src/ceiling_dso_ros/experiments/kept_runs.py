@@ -66,7 +66,8 @@ class OdometryRun:
             if visual.leaves_out(frame.stamp_ns, prediction):
                 continue
             exposure_ms = frame.exposure_ms if self.exposures_told else None
-            statuses.append(visual.track(frame.image, frame.stamp_ns, exposure_ms, prediction).status)
+            tracked = visual.track(frame.image, frame.stamp_ns, exposure_ms, prediction, frame.right)
+            statuses.append(tracked.status)
             if fusion is not None:
                 fusion.add(statuses[-1])
         return tuple(statuses)

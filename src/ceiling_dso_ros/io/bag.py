@@ -28,11 +28,13 @@ from ceiling_dso_ros.io.recording import (
     ListedImage,
     Recording,
     RobotDescription,
+    SecondCamera,
     TopicNames,
     WheelSamples,
 )
 from ceiling_dso_ros.io.robot_file import read_robot_file
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns
+from ceiling_dso_ros.io.second_camera import SecondCameraInBag
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.warning_log import ignore_warning
 
@@ -82,6 +84,7 @@ class BagRecording(Recording):
         self._image_size = self._read_image_size()
         self.calibration = self._read_camera_info() if camera_file is None else read_camera_file(camera_file)
         self.photometric = PhotometricCalibration.linear()
+        self._second = SecondCameraInBag(self._contents, topics, DECODERS, self._image_topic, rectified, warn)
 
     def __len__(self) -> int:
         return self._length
@@ -90,6 +93,7 @@ class BagRecording(Recording):
         """See Recording."""
         moment_of = self._moments()
         decode = DECODERS[self._types[self._image_topic]]
+        paired = None if self.second_camera is None else self._second.images()
         for number, raw in enumerate(self._image_messages(), start=1):
             name = f"{self.path}, {self._image_topic}, message {number}"
             try:
@@ -98,7 +102,8 @@ class BagRecording(Recording):
                 yield ListedImage(None, None, name, raw.content)
                 continue
             stamp_ns, exposure_ms = moment_of(raw, image)
-            yield ListedImage(stamp_ns, exposure_ms, name, partial(decode, image), raw.stamp_ns)
+            right = None if paired is None else paired.at(header_stamp_ns(image.header), raw.stamp_ns)
+            yield ListedImage(stamp_ns, exposure_ms, name, partial(decode, image), raw.stamp_ns, right)
 
     def image_times(self) -> Optional[ImageTimes]:
         """See Recording; of a number of images, because all of them would take long to read."""
@@ -109,6 +114,11 @@ class BagRecording(Recording):
                 stamps_ns.append(header_stamp_ns(raw.content().header))
                 delays_ns.append(raw.stamp_ns - stamps_ns[-1])
         return ImageTimes(min(stamps_ns), max(stamps_ns), int(np.median(delays_ns))) if stamps_ns else None
+
+    @cached_property
+    def second_camera(self) -> Optional[SecondCamera]:
+        """See Recording."""
+        return self._second.camera()
 
     @cached_property
     def wheels(self) -> Optional[WheelSamples]:

@@ -44,7 +44,12 @@ def realsense_topics(path: Path, topics: TopicNames) -> Optional[TopicNames]:
     match = IMAGES.fullmatch(found[0]) if found else None
     if match is None:
         return None
-    return replace(topics, image=found[0], camera_info=topics.camera_info or f"{match[1]}/info/camera_info")
+    info = topics.camera_info or f"{match[1]}/info/camera_info"
+    topics = replace(topics, image=found[0], camera_info=info)
+    right = found[0].replace("Infrared_1", "Infrared_2")
+    if topics.right_image != TopicNames.right_image or right == found[0] or right not in known:
+        return topics
+    return replace(topics, right_image=right, right_camera_info=right.replace("/image/data", "/info/camera_info"))
 
 
 class RealsenseRecording(BagRecording):

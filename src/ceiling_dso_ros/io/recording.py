@@ -24,11 +24,13 @@ class Frame:
         stamp_ns: nanoseconds.
         exposure_ms: exposure time, None when unknown.
         image: (H, W) uint8, uint16 or float32, raw.
+        right: gives the raw image of the second camera of the same moment, or raises FrameError; None without one.
     """
 
     stamp_ns: int
     exposure_ms: Optional[float]
     image: np.ndarray
+    right: Optional[Callable[[], np.ndarray]] = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class ListedImage:
         name: names the image in messages.
         decode: gives the raw image (H, W) uint8, uint16 or float32, or raises FrameError.
         recorded_ns: when it was recorded, nanoseconds by the recorder's clock; None where that is unknown.
+        right: see Frame.
     """
 
     stamp_ns: Optional[int]
@@ -63,6 +66,7 @@ class ListedImage:
     name: str
     decode: Callable[[], np.ndarray]
     recorded_ns: Optional[int] = None
+    right: Optional[Callable[[], np.ndarray]] = None
 
 
 class WheelUnit(enum.Enum):
@@ -129,6 +133,21 @@ class RobotDescription:
 
 
 @dataclass(frozen=True)
+class SecondCamera:
+    """A camera beside the first, called right, whose images are taken at the same time.
+
+    Attributes:
+        calibration: of its raw images.
+        photometric: of its raw images.
+        T_left_right: (4, 4) pose of its optical frame in that of the first camera, metres.
+    """
+
+    calibration: CameraCalibration
+    photometric: PhotometricCalibration
+    T_left_right: np.ndarray
+
+
+@dataclass(frozen=True)
 class ImageTimes:
     """When the images of a recording were taken.
 
@@ -157,6 +176,9 @@ class TopicNames:
         wheel_input: which of them is used: ticks, joint_states or odometry; empty for ticks, else joint states.
         base_frame: the robot's frame, on the floor between the wheels.
         camera_frame: the camera's optical frame; empty for that of the images.
+        right_image: images of a second camera at the stamps of the first one's, optional in the bag; empty to leave
+            them out.
+        right_camera_info: of it; None for camera_info in the namespace of its images.
     """
 
     image: str = "/camera/up/image_raw"
@@ -171,6 +193,8 @@ class TopicNames:
     wheel_input: str = ""
     base_frame: str = "base_link"
     camera_frame: str = ""
+    right_image: str = "/camera/up_right/image_raw"
+    right_camera_info: Optional[str] = None
 
     def beside_image(self, name: str) -> str:
         """The topic of that name in the namespace of the image topic."""
@@ -218,6 +242,15 @@ class Recording(ABC):
         """
         stamps_ns = [listed.stamp_ns for listed in self.images() if listed.stamp_ns is not None]
         return ImageTimes(min(stamps_ns), max(stamps_ns)) if stamps_ns else None
+
+    @property
+    def second_camera(self) -> Optional[SecondCamera]:
+        """The camera beside the first, None where there is none.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        return None
 
     @property
     @abstractmethod
@@ -274,7 +307,8 @@ class Recording(ABC):
             except FrameError as error:
                 yield SkippedFrame(stamp_ns, f"{listed.name}: {error}; frame skipped", str(error))
                 continue
-            yield Frame(stamp_ns, listed.exposure_ms if self.uses_exposures else None, image)
+            exposure_ms = listed.exposure_ms if self.uses_exposures else None
+            yield Frame(stamp_ns, exposure_ms, image, listed.right)
 
     def _read(self, listed: ListedImage) -> np.ndarray:
         image = listed.decode()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Iterator, Optional
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.recording import ImageTimes, ListedImage, Recording, RobotDescription, WheelSamples
+from ceiling_dso_ros.io.recording import ImageTimes, ListedImage, Recording, RobotDescription, SecondCamera, WheelSamples
 from ceiling_dso_ros.io.stamps import NANOSECONDS
 
 LONGEST_S = 1e6  # of a recording: eleven days
@@ -33,6 +33,11 @@ class RecordingView(Recording):
     def image_times(self) -> Optional[ImageTimes]:
         """See Recording."""
         return self._recording.image_times()
+
+    @property
+    def second_camera(self) -> Optional[SecondCamera]:
+        """See Recording."""
+        return self._recording.second_camera
 
     @property
     def wheels(self) -> Optional[WheelSamples]:
@@ -92,6 +97,11 @@ class RecordingPart(RecordingView):
     def image_times(self) -> ImageTimes:
         """See Recording."""
         return replace(self._times, first_ns=self._first_ns, last_ns=max(self._first_ns, self._last_ns))
+
+    @property
+    def second_camera(self) -> Optional[SecondCamera]:
+        """See Recording."""
+        return self._recording.second_camera
 
     @property
     def wheels(self) -> Optional[WheelSamples]:

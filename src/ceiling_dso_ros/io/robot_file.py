@@ -60,7 +60,7 @@ def robot_from_values(values: Mapping, source: str, T_base_camera: Optional[np.n
     _require_metres((left_m, right_m), "wheel_radius", source)
     _require_metres((wheel_base_m,), "wheel_base", source)
     if mount != "" or T_base_camera is None:
-        T_base_camera = _transform(mount, source)
+        T_base_camera = rigid_motion(mount, "T_base_camera", source)
     offset_s = _numbers(values.get("camera_time_offset", 0.0), 1)
     if offset_s is None:
         raise InputError(f"{source}: camera_time_offset must be a number, not {values['camera_time_offset']}")
@@ -94,14 +94,23 @@ def _require_metres(lengths_m: Sequence[float], key: str, source: str) -> None:
         )
 
 
-def _transform(value: Any, source: str) -> np.ndarray:  # noqa: ANN401
+def rigid_motion(value: Any, name: str, source: str) -> np.ndarray:  # noqa: ANN401
+    """(4, 4) of {xyz, quat_xyzw}, metres.
+
+    Args:
+        value: what a file or a parameter has.
+        name, source: of it, for the message.
+
+    Raises:
+        InputError: it is none.
+    """
     value = value if isinstance(value, dict) else {}
     translation, quaternion = _numbers(value.get("xyz"), 3), _numbers(value.get("quat_xyzw"), 4)
     if translation is None or quaternion is None or np.linalg.norm(quaternion) < 1e-6:
         raise InputError(
-            f"{source}: T_base_camera must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"
+            f"{source}: {name} must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"
         )
-    _require_metres(translation, "xyz of T_base_camera", source)
+    _require_metres(translation, f"xyz of {name}", source)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     T[:3, 3] = translation

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from decimal import Decimal
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple, NoReturn, Optional, Set, Tuple
+from typing import Callable, Dict, Iterator, List, NamedTuple, NoReturn, Optional, Set, Tuple
 
 import numpy as np
 
@@ -16,11 +16,20 @@ from ceiling_dso_ros.io.camera_models import read_camera_file
 from ceiling_dso_ros.io.errors import FrameError, InputError, reason_of
 from ceiling_dso_ros.io.image_decoding import decode_compressed, require_image_bytes
 from ceiling_dso_ros.io.photometric import read_photometric
-from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
+from ceiling_dso_ros.io.recording import (
+    ListedImage,
+    Recording,
+    RobotDescription,
+    SecondCamera,
+    WheelSamples,
+    WheelUnit,
+)
 from ceiling_dso_ros.io.robot_file import read_robot_file
+from ceiling_dso_ros.io.second_camera import read_second_camera
 from ceiling_dso_ros.io.stamps import parse_stamp
 from ceiling_dso_ros.io.text_files import increasing_stamps, place_of_line, read_table, stamps_of_file
 
+RIGHT_CAMERA = "camera_right.txt"
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff"}
 
 
@@ -34,8 +43,8 @@ class _Time(NamedTuple):
 class TumFolderRecording(Recording):
     """A folder with `images/` or `images.zip`, `times.txt`, `camera.txt`, and optional further files.
 
-    Optional are `pcalib.txt` and `vignette.png` (photometric calibration), `encoders.csv` and `robot.yaml`, and
-    `groundtruth.tum`.
+    Optional are `pcalib.txt` and `vignette.png` (photometric calibration), `encoders.csv` and `robot.yaml`,
+    `groundtruth.tum`, and `camera_right.txt`, `images_right/` and `rig.yaml` of a second camera.
     """
 
     def __init__(self, path: Path, camera_file: Optional[Path] = None, robot_file: Optional[Path] = None) -> None:
@@ -52,6 +61,7 @@ class TumFolderRecording(Recording):
         if not any(time.image_id in self._images for time in self._times):
             raise InputError(f"{path / 'times.txt'}: none of the images listed is in {self._container}")
         self.calibration = read_camera_file(camera_file or path / "camera.txt")
+        self._right = _RightFolder(path) if (path / RIGHT_CAMERA).exists() else None
         size = (self.calibration.lens.width, self.calibration.lens.height)
         self.photometric = read_photometric(self._optional("pcalib.txt"), self._optional("vignette.png"), size)
 
@@ -69,7 +79,13 @@ class TumFolderRecording(Recording):
                 # An image was taken at one time, so which of several lines is right cannot be known: the first counts.
                 decode = _repeated if time.image_id in listed else partial(self._decode, archive, file_name)
                 listed.add(time.image_id)
-                yield ListedImage(time.stamp_ns, time.exposure_ms, name, decode)
+                right = None if self._right is None else self._right.image(time.image_id)
+                yield ListedImage(time.stamp_ns, time.exposure_ms, name, decode, right=right)
+
+    @cached_property
+    def second_camera(self) -> Optional[SecondCamera]:
+        """See Recording."""
+        return None if self._right is None else self._right.camera()
 
     @cached_property
     def wheels(self) -> Optional[WheelSamples]:
@@ -121,12 +137,40 @@ class TumFolderRecording(Recording):
             raise FrameError(f"the image is not in {self._container}")
         if archive is not None:
             return decode_compressed(_member(archive, file_name))
-        path = self._container / file_name
-        try:
-            require_image_bytes(path.stat().st_size)
-            return decode_compressed(path.read_bytes())
-        except OSError as error:
-            raise FrameError(f"cannot read the image: {reason_of(error)}") from error
+        return _read_image(self._container / file_name)
+
+
+class _RightFolder:
+    """The second camera of a folder: images with the names of the first camera's in a folder of their own."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        folder = path / "images_right"
+        if not folder.is_dir():
+            raise InputError(f"{path / RIGHT_CAMERA}: its images are not there, in {folder}")
+        names = [each.name for each in folder.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES]
+        self._images = {image_id: folder / name for image_id, name in _by_id(names).items()}
+
+    def image(self, image_id: str) -> Optional[Callable[[], np.ndarray]]:
+        """Gives the raw image that belongs to one of the first camera; None if there is none."""
+        path = self._images.get(image_id)
+        return None if path is None else partial(_read_image, path)
+
+    def camera(self) -> SecondCamera:
+        """Calibration and pose.
+
+        Raises:
+            InputError: a file cannot be used.
+        """
+        return read_second_camera(self._path / RIGHT_CAMERA, self._path / "rig.yaml")
+
+
+def _read_image(path: Path) -> np.ndarray:
+    try:
+        require_image_bytes(path.stat().st_size)
+        return decode_compressed(path.read_bytes())
+    except OSError as error:
+        raise FrameError(f"cannot read the image: {reason_of(error)}") from error
 
 
 def _opened(path: Path) -> zipfile.ZipFile:

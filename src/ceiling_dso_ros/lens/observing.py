@@ -63,6 +63,6 @@ def observe(visual: VisualRun, frames: Iterable[Frame]) -> ObservedDrive:
     """Track all images."""
     observer = DriveObserver(visual.preprocess.camera)
     for frame in frames:
-        tracked = visual.track(frame.image, frame.stamp_ns, frame.exposure_ms)
+        tracked = visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, right=frame.right)
         observer.add(tracked.image, tracked.status)
     return observer.drive()

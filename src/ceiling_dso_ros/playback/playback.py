@@ -156,7 +156,8 @@ class Playback:
         }
 
     def _track(self, frame: Frame) -> None:
-        tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, self._prediction(frame.stamp_ns))
+        prediction = self._prediction(frame.stamp_ns)
+        tracked = self.visual.track(frame.image, frame.stamp_ns, frame.exposure_ms, prediction, frame.right)
         self.map.add(tracked.status)
         if self._watch is not None:
             self._watch(tracked.image, tracked.status)

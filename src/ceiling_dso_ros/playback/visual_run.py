@@ -15,9 +15,10 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.grey_range import GreyRange
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
-from ceiling_dso_ros.io.recording import Recording
+from ceiling_dso_ros.io.recording import Recording, SecondCamera
 from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.playback.frame_regulation import FrameRegulation
+from ceiling_dso_ros.playback.right_images import RawRight, RightImages
 from ceiling_dso_ros.playback.trackable_size import trackable_size
 from ceiling_dso_ros.playback.trajectory_recorder import TrajectoryRecorder
 
@@ -50,15 +51,23 @@ class VisualRun:
         regulation: leaves images out; None to use all.
     """
 
-    def __init__(self, preprocess: ImagePreprocessor, odometry: DirectOdometry, keep_trajectory: bool = True) -> None:
+    def __init__(
+        self,
+        preprocess: ImagePreprocessor,
+        odometry: DirectOdometry,
+        keep_trajectory: bool = True,
+        right: Optional[RightImages] = None,
+    ) -> None:
         """Begin.
 
         Args:
             preprocess: converts raw images for the odometry.
             odometry: before its first image.
             keep_trajectory: remember the poses, 272 bytes an image.
+            right: converts the images of the second camera; None without one.
         """
         self.preprocess = preprocess
+        self._right = right
         self._keep = keep_trajectory
         self.odometry = odometry
         self.regulation: Optional[FrameRegulation] = None
@@ -73,15 +82,17 @@ class VisualRun:
         bits: int = 0, tell: Callable[[str], None] = ignore_warning,
     ) -> "VisualRun":  # fmt: skip
         """A run over the images of a recording; see `of_camera`."""
-        images = recording.calibration, recording.photometric
-        return cls.of_camera(*images, config=config, scheduler=scheduler, size=size, bits=bits, tell=tell)
+        images, second = (recording.calibration, recording.photometric), recording.second_camera
+        return cls.of_camera(
+            *images, config=config, scheduler=scheduler, size=size, bits=bits, tell=tell, second=second
+        )
 
     @classmethod
     def of_camera(
         cls, calibration: CameraCalibration, photometric: PhotometricCalibration = PhotometricCalibration.linear(),
         *, config: OdometryConfig = OdometryConfig(), scheduler: Optional[SequentialScheduler] = None,
         size: Optional[Tuple[int, int]] = None, bits: int = 0, tell: Callable[[str], None] = ignore_warning,
-        keep_trajectory: bool = True,
+        keep_trajectory: bool = True, second: Optional[SecondCamera] = None,
     ) -> "VisualRun":  # fmt: skip
         """A run over the images of a camera.
 
@@ -95,6 +106,7 @@ class VisualRun:
             bits: bit depth of images with more than 8 bits, 0 to find it from them.
             tell: is told in one line that images are cropped, and the bit depth that was found.
             keep_trajectory: see above.
+            second: the camera beside it; None without one.
 
         Raises:
             InputError: the images cannot be scaled to that size.
@@ -112,7 +124,9 @@ class VisualRun:
                     f"they are cropped to {crop[0]}x{crop[1]}"
                 )
         preprocess = ImagePreprocessor(calibration, photometric, size, crop, GreyRange(bits, tell))
-        return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler), keep_trajectory)
+        right = None if second is None else RightImages(second, size, crop, bits)
+        rig = None if right is None else right.rig
+        return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler, rig), keep_trajectory, right)
 
     def regulate(self, on: bool) -> None:
         """Let images be left out while hardly anything moves, from the next one on, or use all."""
@@ -132,7 +146,7 @@ class VisualRun:
 
     def track(
         self, image: np.ndarray, stamp_ns: int, exposure_ms: Optional[float],
-        prediction: Optional[CameraMotion] = None,
+        prediction: Optional[CameraMotion] = None, right: Optional[RawRight] = None,
     ) -> TrackedImage:  # fmt: skip
         """Process one image. One that repeats one of the last, as of a driver that has stopped, has no pose.
 
@@ -142,6 +156,7 @@ class VisualRun:
             exposure_ms: None when unknown.
             prediction: motion of the camera since the image that the last status asks for, predicted by other sensors;
                 None if there is no prediction.
+            right: gives the raw image of the second camera of the same moment; None if there is none.
         """
         start_s = time.perf_counter()
         preprocessed = self.preprocess(image)
@@ -149,7 +164,8 @@ class VisualRun:
         if self._repeats(image):
             status = self.odometry.skip(stamp_ns, "the camera repeats its last images")
         else:
-            status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction)
+            second = None if self._right is None or right is None else self._right.later(right)
+            status = self.odometry.track(preprocessed, stamp_ns, exposure_ms, prediction, second)
         end_s = time.perf_counter()
         timing_ms = {"undistort": 1e3 * (preprocessed_s - start_s), **status.timing_ms}
         self.last = status

@@ -9,9 +9,17 @@ import numpy as np
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.output_camera import crop_camera
-from ceiling_dso_ros.io.recording import ListedImage, Recording, RobotDescription, WheelSamples, WheelUnit
+from ceiling_dso_ros.io.recording import (
+    ListedImage,
+    Recording,
+    RobotDescription,
+    SecondCamera,
+    WheelSamples,
+    WheelUnit,
+)
 from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.simulation.config import SimulationConfig
+from ceiling_dso_ros.simulation.robot import UP, UP_RIGHT
 from ceiling_dso_ros.simulation.sensors.measurements import CameraFrame, stamp_ns
 from ceiling_dso_ros.simulation.simulation import Simulation
 
@@ -46,7 +54,16 @@ class SimulatedRecording(Recording):
         """See Recording."""
         for frame in self.simulation.frames():
             name = f"image at {frame.time_s:.3f} s"
-            yield ListedImage(frame.stamp_ns, frame.exposure_ms, name, partial(_upward_image, frame))
+            right = partial(_right_image, frame) if self.simulation.config.stereo else None
+            yield ListedImage(frame.stamp_ns, frame.exposure_ms, name, partial(_upward_image, frame), right=right)
+
+    @property
+    def second_camera(self) -> Optional[SecondCamera]:
+        """See Recording: the same camera, beside the first."""
+        if not self.simulation.config.stereo:
+            return None
+        left, right = (self.simulation.robot.static_transforms()[name] for name in (UP, UP_RIGHT))
+        return SecondCamera(self.calibration, self.photometric, np.linalg.inv(left) @ right)
 
     @property
     def wheels(self) -> WheelSamples:
@@ -78,6 +95,10 @@ class SimulatedRecording(Recording):
         times = self.simulation.encoders.time_s
         stamps_ns = [stamp_ns(time_s) for time_s in times]
         return Trajectory.from_matrices(stamps_ns, self.simulation.robot.T_world_base(times))
+
+
+def _right_image(frame: CameraFrame) -> np.ndarray:
+    return frame.images[UP_RIGHT]
 
 
 def _upward_image(frame: CameraFrame) -> np.ndarray:

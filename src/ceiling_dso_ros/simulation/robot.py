@@ -35,6 +35,7 @@ T_BASE_FORWARD = pose((0.31, 0.0, 0.42), Rotation.from_matrix([[0, 0, 1], [-1, 0
 T_BASE_LASER = pose((0.28, 0.0, 0.21), Rotation.identity())
 T_BASE_IMU = pose((0.05, 0.0, 0.15), Rotation.identity())
 STEREO_BASELINE_M = 0.095
+UP, UP_RIGHT = "camera_up_optical_frame", "camera_up_right_optical_frame"
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,8 @@ class Robot:
         """Child frame -> T_base_child of everything that is mounted on the base."""
         stereo = self.true.T_base_camera @ pose((STEREO_BASELINE_M, 0.0, 0.0), Rotation.identity())
         return {
-            "camera_up_optical_frame": self.true.T_base_camera,
-            "camera_up_right_optical_frame": stereo,
+            UP: self.true.T_base_camera,
+            UP_RIGHT: stereo,
             "camera_front_optical_frame": T_BASE_FORWARD,
             "laser": T_BASE_LASER,
             "imu": T_BASE_IMU,

@@ -2,9 +2,11 @@
 """An image and its estimates while the odometry processes it."""
 
 from dataclasses import dataclass
-from typing import Optional
+from typing import Callable, Optional
 
 import numpy as np
+
+RightImage = Callable[[], Optional[np.ndarray]]  # gives the image of the second camera, None where it has none
 
 
 @dataclass(frozen=True)
@@ -18,6 +20,8 @@ class Frame:
         T_camera_world: (4, 4) float64 tracked pose.
         affine: (2,) tracked brightness (a, b).
         normal: (3,) normal of the plane in which the camera moves, in its own frame; None where it may move otherwise.
+        right: gives the image of the second camera, (height, width) float32; None without one.
+        smooth: the image was smoothed against its noise.
     """
 
     stamp_ns: int
@@ -26,3 +30,5 @@ class Frame:
     T_camera_world: np.ndarray
     affine: np.ndarray
     normal: Optional[np.ndarray] = None
+    right: Optional[RightImage] = None
+    smooth: bool = False

@@ -2,7 +2,7 @@
 """Mapping: traces candidate points in frames, and inserts keyframes into the window."""
 
 import math
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.keyframe_policy import PointFate, keyframes_to_marginalize
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.mapping.tracing_kernels import trace_host
+from ceiling_dso_ros.dso.mapping.window_scale import WindowScale
 from ceiling_dso_ros.dso.status import TrackingLostError
+from ceiling_dso_ros.dso.stereo.rig import StereoRig
 from ceiling_dso_ros.dso.tracking.tracking_reference import ReferenceBuilder, TrackingReference
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
 from ceiling_dso_ros.dso.window.keyframe_window import FRAME_PARAMETERS, INTRINSICS, KeyframeWindow
@@ -37,7 +39,7 @@ class Mapper:
 
     def __init__(
         self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool, selector: PixelSelector, segment: int,
-        first_id: int,
+        first_id: int, rig: Optional[StereoRig] = None,
     ) -> None:  # fmt: skip
         self.window = KeyframeWindow(camera, config, pool)
         self._config = config
@@ -47,6 +49,7 @@ class Mapper:
         self._adjustment = BundleAdjustment(self.window, config.optimization)
         self._activator = Activator(self.window, config.window.active_points, config.activation)
         self._references = ReferenceBuilder(pool.shape)
+        self._scale = None if rig is None else WindowScale(rig, config.rig)
         self._max_search = config.tracing.reach * (camera.width + camera.height)
 
     @property
@@ -116,6 +119,9 @@ class Mapper:
         with timer.stage("reference"):
             reference = self._references.build(window)
             window.depths[window.newest] = _median_depth(reference.levels[0].idepth)
+        if self._scale is not None:
+            with timer.stage("stereo"):
+                window.scales[window.newest] = self._scale.measure(window, frame)
         estimates = window.estimates(self._segment, tuple(leaving))
         with timer.stage("marginalize"):
             marginalized = self._retire_points(leaving)

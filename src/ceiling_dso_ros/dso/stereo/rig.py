@@ -2,12 +2,12 @@
 """The geometry of two cameras that are fixed to each other."""
 
 from dataclasses import dataclass
+from typing import Tuple
 
 import numpy as np
 
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
-from ceiling_dso_ros.dso.geometry.projection import Warp, warp_of
 
 SHORTEST_BASELINE_M = 1e-3
 
@@ -40,12 +40,12 @@ class StereoRig:
         """Distance of the two cameras, metres."""
         return float(np.linalg.norm(self.T_left_right[:3, 3]))
 
-    def warp(self, left_matrix: np.ndarray) -> Warp:
-        """From left pixels, with inverse depths in 1/m, to right pixels.
+    def warp(self, left_matrix: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """M, (3, 3), and t, (3,), float64, of the `Warp` from left pixels to right ones, for inverse depths in 1/m.
 
         Args:
             left_matrix: K of the left images, (3, 3) float64.
         """
         T_right_left = se3.inverse(self.T_left_right)
         K = self.right.matrix
-        return warp_of(K @ T_right_left[:3, :3] @ np.linalg.inv(left_matrix), K @ T_right_left[:3, 3])
+        return K @ T_right_left[:3, :3] @ np.linalg.inv(left_matrix), K @ T_right_left[:3, 3]

@@ -9,8 +9,7 @@ import numpy as np
 from ceiling_dso_ros.dso.compute.jit import kernel
 from ceiling_dso_ros.dso.images.pyramid import PyramidShape
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
-from ceiling_dso_ros.dso.window.pair_geometry import pair_geometry, project_points
-from ceiling_dso_ros.dso.window.points import INLIER
+from ceiling_dso_ros.dso.window.visible_points import visible_points
 
 BORDER = 2
 DIAGONAL_LEVELS = 2  # levels below dilate to diagonal neighbours, those above to direct ones
@@ -146,7 +145,9 @@ class ReferenceBuilder:
         for pixels, idepth_sum, weight_sum in zip(self._pixels, self._idepth, self._weight):
             idepth_sum[pixels], weight_sum[pixels] = 0, 0
         width, height = self._shape.sizes[0]
-        count = splat(*self._visible_points(window), width, height, self._idepth[0], self._weight[0], self._pixel_list)
+        seen = visible_points(window)
+        weight = np.sqrt(window.points.arrays.idepth_hessian[seen.index] + np.float32(1e-3))
+        count = splat(*seen[1:], weight, width, height, self._idepth[0], self._weight[0], self._pixel_list)
         self._pixels[0] = np.sort(self._pixel_list[:count])  # sampling is faster in memory order
         for level in range(1, self._shape.levels):
             fine = level - 1
@@ -166,29 +167,6 @@ class ReferenceBuilder:
                 self._level(level, window.pool.level(image_slot, level)) for level in range(self._shape.levels)
             ),
         )
-
-    @staticmethod
-    def _visible_points(window: KeyframeWindow) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        newest, count = window.newest, window.points.count
-        points = window.points.arrays
-        visible = np.flatnonzero(
-            (window.points.residuals.live[newest, :count] > 0)
-            & (window.points.residuals.state[newest, :count] == INLIER)
-        )
-        pairs = pair_geometry(window.keyframes, window.count, window.intrinsics)
-        x, y, idepth = (np.empty(visible.size, np.float32) for _ in range(3))
-        project_points(
-            points.u[visible],
-            points.v[visible],
-            points.idepth[visible],
-            points.host[visible],
-            pairs,
-            newest,
-            x,
-            y,
-            idepth,
-        )
-        return x, y, idepth, np.sqrt(points.idepth_hessian[visible] + np.float32(1e-3))
 
     def _level(self, level: int, image: np.ndarray) -> ReferenceLevel:
         width, height = self._shape.sizes[level]

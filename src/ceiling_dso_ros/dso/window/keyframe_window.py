@@ -14,6 +14,7 @@ from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.stereo.scale import NO_SCALE, ScaleMeasurement
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
 from ceiling_dso_ros.dso.window.points import PointTable
 
@@ -78,6 +79,7 @@ class KeyframeWindow:
         self.stamps_ns: List[int] = []
         self.gone_points: List[int] = []  # active points that each keyframe has lost
         self.depths: List[float] = []  # of the map as each keyframe saw it when it was made
+        self.scales: List[ScaleMeasurement] = []  # by the second camera, then
         self.points = PointTable(slots, 3 * config.window.active_points)
         self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
         self.intrinsics_eval = camera.parameters
@@ -123,6 +125,7 @@ class KeyframeWindow:
         self.stamps_ns.append(stamp_ns)
         self.gone_points.append(0)
         self.depths.append(math.nan)
+        self.scales.append(NO_SCALE)
         self.keyframes.T_camera_world[slot], self.keyframes.affine[slot] = T_camera_world, affine
         self.keyframes.exposure[slot], self.keyframes.image_slot[slot] = exposure, image_slot
         self.keyframes.energy_threshold[slot] = FIRST_ENERGY_THRESHOLD
@@ -153,7 +156,8 @@ class KeyframeWindow:
         self.pool.release(int(self.keyframes.image_slot[slot]))
         for array in self.keyframes:
             array[slot:-1] = array[slot + 1 :]
-        del self.ids[slot], self.stamps_ns[slot], self.gone_points[slot], self.depths[slot]
+        for values in (self.ids, self.stamps_ns, self.gone_points, self.depths, self.scales):
+            del values[slot]
         self.points.remove_keyframe(slot)
         self.candidates.remove_host(slot)
 
@@ -168,6 +172,9 @@ class KeyframeWindow:
                 affine=(float(self.keyframes.affine[slot, 0]), float(self.keyframes.affine[slot, 1])),
                 leaves=slot in leaving,
                 depth=self.depths[slot],
+                log_scale=self.scales[slot].log_scale,
+                log_scale_sigma=self.scales[slot].sigma,
+                log_scale_common_sigma=self.scales[slot].common_sigma,
             )
             for slot in range(self.count)
         )
