@@ -8,7 +8,8 @@ from winding_chain import NOISE, SCALE, chain, config
 
 from ceiling_dso_ros.fusion import factors, planar
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig
-from ceiling_dso_ros.fusion.graph import LINEAR_SOLVER, FactorBuilder, WindowGraph
+from ceiling_dso_ros.fusion.graph import FactorBuilder, WindowGraph
+from ceiling_dso_ros.fusion.linear import LINEAR_SOLVER
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import smooth
 

@@ -18,6 +18,7 @@ from ceiling_dso_ros.fusion.doubts import Doubts
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe, LeavingKeyframes
+from ceiling_dso_ros.fusion.metre import StereoScale
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
@@ -136,6 +137,7 @@ class KeyframeBackend:
         continues = self._chain.continues(keyframe)
         log_scale = math.nan if continues else self._height.log_scale(keyframe.depth)
         measured = Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth, log_scale=log_scale)
+        measured = replace(measured, stereo=StereoScale.of(keyframe))
         if not continues:
             self._doubts.forget()
             self._height.begin_segment()

@@ -15,6 +15,8 @@ import numpy as np
 
 from ceiling_dso_ros.fusion import factors, planar
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.linear import LINEAR_SOLVER, joint_covariance
+from ceiling_dso_ros.fusion.metre import StereoScale, fields_of, first_metre, metre_of, stereo_factor
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import step_covariances
 from ceiling_dso_ros.fusion.visual import VisualMotion
@@ -26,9 +28,6 @@ FIRST_HEIGHT_SIGMA = 1.0
 MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
 COST_TOLERANCE = 1e-4  # half a squared sigma is 1
 STANDING_SHIFT = 0.01  # units: lower bound of the distance for the scale's drift, for keyframes without translation
-# Eliminates one variable at a time. In a block of several variables, gtsam treats one as undetermined if it is a few
-# thousand times less certain than the others. The scale of a new segment is, while no measurement determines it.
-LINEAR_SOLVER = "SEQUENTIAL_CHOLESKY"
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,7 @@ class Interval:
         doubt: (3,) standard deviations of the wheels' motion beyond that; None where there are none.
         depth: of the odometry's map as the end saw it, units; nan where it is not known.
         log_scale: guess of the logarithm of metres per unit, for the first of a segment; nan where there is none.
+        stereo: the scale by a second camera; None where it does not tell it.
     """
 
     end: int
@@ -56,6 +56,7 @@ class Interval:
     doubt: Optional[np.ndarray] = None
     depth: float = math.nan
     log_scale: float = math.nan
+    stereo: Optional[StereoScale] = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class GraphEstimate:
         scale_sigma: its standard deviation, mean wheel radius taken as exact.
         constants: (2,) logarithms of wheel ratio and wheel base relative to nominal.
         constants_covariance: (2, 2) of them.
+        log_metre: logarithm of metres by the wheels per metre by a second camera; nan without one.
     """
 
     stamp_ns: int
@@ -79,6 +81,7 @@ class GraphEstimate:
     scale_sigma: float
     constants: np.ndarray
     constants_covariance: np.ndarray
+    log_metre: float = math.nan
 
 
 class FactorBuilder:
@@ -120,6 +123,8 @@ class FactorBuilder:
         wheel_noise = gtsam.noiseModel.Gaussian.Covariance(self._wheel_covariance(interval))
         wheel_factor = factors.calibrated_wheel_factor if self._estimate_wheels else factors.wheel_factor
         result = [wheel_factor((i, j), interval.wheels, wheel_noise), self._scale_factor(interval)]
+        if interval.stereo is not None:
+            result.append(stereo_factor(scale, interval.stereo, self._config.visual.robust_threshold))
         if interval.visual is not None:
             noise = gtsam.noiseModel.Gaussian.Covariance(interval.visual.noise(self._config.visual))
             robust = gtsam.noiseModel.Robust.Create(self._huber, noise)
@@ -134,6 +139,7 @@ class FactorBuilder:
         motion["wheels_covariance"] = self._wheel_covariance(interval)
         motion["continues"], motion["walk_sigma"] = interval.continues, self._walk_sigma(interval)
         motion["log_scale"] = self.first_log_scale(interval)
+        motion["has_stereo"], motion["stereo"] = fields_of(interval.stereo)
         visual = interval.visual
         if visual is not None:
             motion["is_seen"], motion["shift"], motion["yaw"] = True, visual.shift, visual.yaw
@@ -177,22 +183,6 @@ class FactorBuilder:
         if interval.doubt is not None:
             covariance = covariance + np.diag(interval.doubt) ** 2
         return covariance
-
-
-def joint_covariance(linear: gtsam.GaussianFactorGraph, keys: Sequence[int], size: int) -> np.ndarray:
-    """Covariance of some variables of a graph in their order, (size, size) float64, `size` their dimensions together.
-
-    Not by `gtsam.Marginals`, which leaves no choice of `LINEAR_SOLVER`; the window is small enough for a dense matrix.
-
-    Raises:
-        numpy.linalg.LinAlgError: the graph does not determine all of its variables.
-    """
-    ordering = gtsam.Ordering()
-    for key in [*(key for key in linear.keyVector() if key not in keys), *keys]:
-        ordering.push_back(key)
-    information, _ = linear.hessian(ordering)
-    root = np.linalg.inv(np.linalg.cholesky(information)[-size:, -size:])
-    return root.T @ root
 
 
 class WindowGraph:
@@ -270,11 +260,13 @@ class WindowGraph:
         values.insert(factors.pose_key(interval.end), pose)
         values.insert(factors.scale_key(interval.end), log_scale)
         new_factors = self._builder.factors(interval)
+        of_metre = first_metre(values, interval.stereo, self._config.wheels.radius_sigma)
         if len(self._intervals) == self._window:
             self._marginalise_oldest(values)
         self._values = values
         self._intervals.append(interval)
         self._factors[interval.end] = new_factors
+        self._prior = self._prior + of_metre
 
     def revise(self, end: int, **changes: Any) -> None:  # noqa: ANN401 each attribute has its own type
         """Replace an interval; no effect if it has left the window."""
@@ -324,6 +316,7 @@ class WindowGraph:
             math.sqrt(covariance[3, 3]),
             values.atVector(factors.WHEEL_KEY) if self._estimate_wheels else np.zeros(2),
             covariance[4:, 4:] if self._estimate_wheels else self._constants_covariance,
+            metre_of(values),
         )
 
     def _marginalise_oldest(self, values: gtsam.Values) -> None:

@@ -19,6 +19,8 @@ MOTION = np.dtype(
         ("visual_covariance", "<f8", (3, 3)),  # of (shift, yaw), units and rad
         ("continues", "?"),  # the scale follows from that of the earlier node, else it is a new one
         ("walk_sigma", "<f8"),  # of the change of the log-scale from node to node
+        ("has_stereo", "?"),  # whether a second camera measured the scale; else the next one has no meaning
+        ("stereo", "<f8", 3),  # logarithm of metres per unit, standard deviations of its own and of the common error
         ("log_scale", "<f8", 2),  # prior of a new scale: mean and standard deviation of its logarithm
     ]
 )

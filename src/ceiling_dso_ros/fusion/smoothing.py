@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from ceiling_dso_ros.fusion.config import FusionConfig
+from ceiling_dso_ros.fusion.measured_scales import MeasuredScales
 
 TOLERANCE = 1e-9  # metres, rad, logarithm: iterations end when no variable changes by more
 CLOSE = 1e-3  # the same, below which outliers remain the same ones
@@ -22,7 +23,9 @@ MAX_ITERATIONS = 100  # of which about seven are needed
 FIRST_DAMPING = 1e-4  # relative, after a step that made the error larger; each further one multiplies it by ten
 LARGEST_DAMPING = 1e8  # beyond it no step helps: the solution is as good as the numbers allow
 ROUNDING = 1e-12  # relative: smaller changes of the error are not told from rounding
-CONSTANTS = 3  # c: wheel ratio and wheel base (logarithms); g: yaw of the camera; zero unless they are estimated
+# c: wheel ratio and wheel base (logarithms); g: yaw of the camera; zero unless they are estimated. A fourth one where a
+# second camera has measured scales: n, see `metre`.
+CONSTANTS = 3
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def _solve(chain: "_Chain") -> "_State":
 
 
 class _State(NamedTuple):
-    """All variables, or a change of them: (N, 3) motions, (N,) log-scales, (3,) constants."""
+    """All variables, or a change of them: (N, 3) motions, (N,) log-scales, (3,) or (4,) constants."""
 
     motions: np.ndarray
     log_scales: np.ndarray
@@ -153,13 +156,17 @@ class _Chain:
         mean, sigma = motions["log_scale"].T
         self._scale_prior = mean
         self._scale_information = np.where(self._continues, motions["walk_sigma"], sigma) ** -2.0
-        self._estimates_constants = config.graph.estimate_wheels
+        self._free = np.arange(CONSTANTS) if config.graph.estimate_wheels else np.zeros(0, np.int64)
+        self._stereo = MeasuredScales(motions, config)
+        if self._stereo:
+            self._free = np.append(self._free, CONSTANTS)
+            self._prior_sigmas = np.append(self._prior_sigmas, self._stereo.metre_sigma)
 
     def guess(self) -> _State:
         """The wheels' motions with the turns of the camera, which are more accurate and need no scale."""
         motions = self._motions["wheels"].copy()
         motions[:, 2] = np.where(self._motions["is_seen"], self._motions["yaw"], motions[:, 2])
-        return _State(motions, self._scale_prior, np.zeros(CONSTANTS))
+        return _State(motions, self._scale_prior, np.zeros(len(self._prior_sigmas)))
 
     def linearize(self, state: _State) -> _Linear:
         """Residuals and derivatives at a state."""
@@ -217,13 +224,18 @@ class _Chain:
         scales = self._scale_information * self._scale_residuals(state) ** 2
         priors = (state.constants / self._prior_sigmas) ** 2
         wheels = np.sum(linear.residuals[:, :3] ** 2)
-        return float(wheels + np.sum(within * (2.0 * lengths - within)) + np.sum(scales) + np.sum(priors))
+        cameras = np.sum(within * (2.0 * lengths - within))
+        if self._stereo:
+            cameras += self._stereo.error(state.log_scales, state.constants[-1])
+        return float(wheels + cameras + np.sum(scales) + np.sum(priors))
 
     def step(self, linear: _Linear, state: _State, damping: float, is_close: bool) -> _State:
         """The change that solves the normal equations."""
         gradient, information = self._normal_equations(linear, is_close)
-        constants_gradient = gradient[:, 4:].sum(axis=0) + state.constants / self._prior_sigmas**2
-        constants_information = information[:, 4:, 4:].sum(axis=0) + np.diag(self._prior_sigmas**-2.0)
+        constants_gradient = state.constants / self._prior_sigmas**2
+        constants_information = np.diag(self._prior_sigmas**-2.0)
+        constants_gradient[:CONSTANTS] += gradient[:, 4:].sum(axis=0)
+        constants_information[:CONSTANTS, :CONSTANTS] += information[:, 4:, 4:].sum(axis=0)
         # of an interval's own variables; to the right: the gradient, and what connects them with the constants
         own = information[:, :4, :4] * (1.0 + damping * np.eye(4))
         right = np.concatenate([gradient[:, :4, None], information[:, :4, 4:]], axis=2)
@@ -236,13 +248,22 @@ class _Chain:
         walks = np.append(np.where(self._continues, self._scale_information, 0.0)[1:], 0.0)  # to the next one
         scale_own += (1.0 + damping) * (self._scale_information + walks)
         scale_right[:, 0] += pull - np.append(np.where(self._continues, pull, 0.0)[1:], 0.0)
+        if self._stereo:
+            pull, weights = self._stereo.pull(state.log_scales, state.constants[-1])
+            scale_own += (1.0 + damping) * weights
+            scale_right[:, 0] += pull
+            constants_gradient[-1] -= pull.sum()
+            constants_information[-1, -1] += weights.sum()
+            scale_right = np.column_stack([scale_right, -weights])
+            right = np.concatenate([right, np.zeros((len(right), 4, 1))], axis=2)
         solved = solveh_banded(np.array([scale_own, -walks]), scale_right, lower=True)
 
-        constants = np.zeros(CONSTANTS)
-        if self._estimates_constants:
+        constants, free = np.zeros(len(constants_gradient)), self._free
+        if len(free):
             eliminated = np.einsum("nip,niq->pq", right[:, :3], motion_inverse @ right[:, :3]) + scale_right.T @ solved
-            remaining = constants_information * (1.0 + damping * np.eye(CONSTANTS)) - eliminated[1:, 1:]
-            constants = np.linalg.solve(remaining, eliminated[1:, 0] - constants_gradient)
+            remaining = constants_information * (1.0 + damping * np.eye(len(constants))) - eliminated[1:, 1:]
+            own_gradient = eliminated[1:, 0] - constants_gradient
+            constants[free] = np.linalg.solve(remaining[np.ix_(free, free)], own_gradient[free])
         rest = np.append(1.0, constants)
         log_scales = -solved @ rest
         gradients = right[:, :3] @ rest + own[:, :3, 3] * log_scales[:, None]

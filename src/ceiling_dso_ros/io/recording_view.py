@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Iterator, Optional
 
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.recording import ImageTimes, ListedImage, Recording, RobotDescription, SecondCamera, WheelSamples
+from ceiling_dso_ros.io.recording import (
+    ImageTimes,
+    ListedImage,
+    Recording,
+    RobotDescription,
+    SecondCamera,
+    WheelSamples,
+)
 from ceiling_dso_ros.io.stamps import NANOSECONDS
 
 LONGEST_S = 1e6  # of a recording: eleven days

@@ -107,9 +107,7 @@ def rigid_motion(value: Any, name: str, source: str) -> np.ndarray:  # noqa: ANN
     value = value if isinstance(value, dict) else {}
     translation, quaternion = _numbers(value.get("xyz"), 3), _numbers(value.get("quat_xyzw"), 4)
     if translation is None or quaternion is None or np.linalg.norm(quaternion) < 1e-6:
-        raise InputError(
-            f"{source}: {name} must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)"
-        )
+        raise InputError(f"{source}: {name} must have xyz (3 numbers, metres) and quat_xyzw (4 numbers, not all zero)")
     _require_metres(translation, f"xyz of {name}", source)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()

@@ -133,5 +133,9 @@ def _are_motions(records: np.ndarray) -> np.ndarray:
     """Which of (N,) MOTION have numbers, (N,) bool."""
     always = ("start_pose", "wheels", "wheels_covariance", "by_constants", "walk_sigma", "log_scale")
     seen = ("shift", "yaw", "lever_m", "swing_m", "visual_covariance")
-    is_bool = (records["is_seen"].view(np.uint8) <= 1) & (records["continues"].view(np.uint8) <= 1)
-    return is_bool & are_numbers(records, *always) & (~records["is_seen"] | are_numbers(records, *seen))
+    is_bool = np.ones(len(records), bool)
+    for name in ("is_seen", "continues", "has_stereo"):
+        is_bool &= records[name].view(np.uint8) <= 1
+    by_camera = ~records["is_seen"] | are_numbers(records, *seen)
+    by_both = ~records["has_stereo"] | are_numbers(records, "stereo") & (records["stereo"][:, 1] > 0.0)
+    return is_bool & are_numbers(records, *always) & by_camera & by_both

@@ -19,7 +19,14 @@ from typing import Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.compute.jit import kernel, kernel_inlined
-from ceiling_dso_ros.dso.geometry.projection import Warp, epipolar_direction, idepth_at, warp_of, warp_offset, warp_point
+from ceiling_dso_ros.dso.geometry.projection import (
+    Warp,
+    epipolar_direction,
+    idepth_at,
+    warp_of,
+    warp_offset,
+    warp_point,
+)
 from ceiling_dso_ros.dso.images.interpolation import sample, sample_gradient
 
 RADIUS = 3  # pixels: of a patch, square

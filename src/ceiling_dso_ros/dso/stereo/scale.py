@@ -11,7 +11,7 @@ means. s_image follows from the noise of the images, s_map, of the points' depth
 """
 
 import math
-from typing import NamedTuple, Optional
+from typing import NamedTuple
 
 import numpy as np
 

@@ -92,7 +92,9 @@ class ScaleFinder:
             self._used = np.union1d(self._used[np.isin(self._used, points.name)], names)
         return result
 
-    def _search(self, left: np.ndarray, warp: Tuple[np.ndarray, np.ndarray], right: np.ndarray, points: SeenPoints) -> Optional[float]:
+    def _search(
+        self, left: np.ndarray, warp: Tuple[np.ndarray, np.ndarray], right: np.ndarray, points: SeenPoints
+    ) -> Optional[float]:
         """Metres per unit to about half a pixel; None where no scale is clearly better than all others.
 
         Whether two places differ is judged by the differences of all points, in standard deviations of their mean.
