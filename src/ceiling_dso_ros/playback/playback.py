@@ -18,9 +18,12 @@ from ceiling_dso_ros.io.warning_log import CountedMessages, WarningLog
 from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
 from ceiling_dso_ros.playback.keyframe_recorder import KeyframeRecorder
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
+from ceiling_dso_ros.playback.metric_camera import metric_camera, scale_summary
 from ceiling_dso_ros.playback.timing_log import TimingLog
 from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.slam.record_maker import NewRecord, RecordMaker
+
+METRIC = "camera_metric.tum"  # where there are two cameras and no wheels
 
 
 class Playback:
@@ -121,8 +124,8 @@ class Playback:
         return list(self._writers(""))
 
     def summary(self) -> Dict[str, Any]:
-        """Counts, times and warnings, and what the fusion says; with a camera alone the scale stays unknown."""
-        unknown = {"scale": {"value": None, "sigma": None, "converged": False}}
+        """Counts, times and warnings, and what the fusion says; with one camera alone the scale stays unknown."""
+        alone = {"scale": scale_summary(self.visual.trajectories)}
         return {
             "frames": len(self.timing),
             "tracked": self.timing.count(TrackingState.TRACKING),
@@ -132,7 +135,7 @@ class Playback:
             "segments": self.visual.trajectories.segments,
             **({} if self.visual.regulation is None else {"frame_rate": self.visual.regulation.summary()}),
             "ms": self.timing.statistics_ms(),
-            **(unknown if self._fusion is None else self._fusion.summary()),
+            **(alone if self._fusion is None else self._fusion.summary()),
             "warnings": self.warnings.lines,
         }
 
@@ -143,6 +146,8 @@ class Playback:
     def _writers(self, end: str) -> Dict[str, Callable[[Path], None]]:
         """Name of each file -> what writes it."""
         trajectories = {**self.visual.trajectories.files(), **({} if self._fusion is None else self._fusion.files())}
+        if self._fusion is None and self.visual.has_second_camera:
+            trajectories[METRIC] = lambda: metric_camera(self.visual.trajectories)
 
         def write_summary(path: Path) -> None:
             summary = json.dumps({**self.summary(), "end": end}, indent=2, allow_nan=False)

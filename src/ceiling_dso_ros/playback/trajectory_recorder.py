@@ -2,7 +2,7 @@
 """Collects the odometry's results into trajectories."""
 
 from array import array
-from typing import Callable, Dict, Mapping
+from typing import Callable, Dict, Mapping, Tuple
 
 import numpy as np
 
@@ -54,9 +54,16 @@ class TrajectoryRecorder:
 
     def final(self) -> Trajectory:
         """T_world_camera of the tracked frames, with the last estimate of their keyframes."""
-        T_world_keyframe = [self._keyframes[keyframe_id].T_world_camera for keyframe_id in self._keyframe_ids]
+        stamps_ns, _, T_world_camera = self.final_matrices()
+        return Trajectory.from_matrices(stamps_ns, T_world_camera)
+
+    def final_matrices(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same as stamps (N,) int64, segments (N,) int64, and poses (N, 4, 4) float64."""
+        keyframes = [self._keyframes[keyframe_id] for keyframe_id in self._keyframe_ids]
+        T_world_keyframe = np.reshape([keyframe.T_world_camera for keyframe in keyframes], (-1, 4, 4))
         T_keyframe_camera = np.reshape(self._T_keyframe_camera, (-1, 4, 4))
-        return Trajectory.from_matrices(self._stamps_ns, np.reshape(T_world_keyframe, (-1, 4, 4)) @ T_keyframe_camera)
+        segments = np.array([keyframe.segment for keyframe in keyframes], np.int64)
+        return np.array(self._stamps_ns, np.int64), segments, T_world_keyframe @ T_keyframe_camera
 
     def keyframes(self) -> Trajectory:
         """T_world_camera of all keyframes as last refined, by stamp."""

@@ -128,6 +128,11 @@ class VisualRun:
         rig = None if right is None else right.rig
         return cls(preprocess, DirectOdometry(preprocess.camera, config, scheduler, rig), keep_trajectory, right)
 
+    @property
+    def has_second_camera(self) -> bool:
+        """Whether keyframes can measure the scale."""
+        return self._right is not None
+
     def regulate(self, on: bool) -> None:
         """Let images be left out while hardly anything moves, from the next one on, or use all."""
         if on != (self.regulation is not None):
