@@ -20,7 +20,7 @@ class WindowScale:
         self._finder = ScaleFinder(rig, config)
 
     def measure(self, window: KeyframeWindow, frame: Frame) -> ScaleMeasurement:
-        """Metres per unit at the newest keyframe, that of a frame; NO_SCALE where the second camera does not tell it."""
+        """Metres per unit at the newest keyframe, that of a frame; NO_SCALE where the images do not tell it."""
         right = None if frame.right is None else frame.right()
         if right is None:
             return NO_SCALE

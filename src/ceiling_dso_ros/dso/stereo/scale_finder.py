@@ -104,9 +104,8 @@ class ScaleFinder:
         disparities = np.arange(LEAST_DISPARITY, LARGEST_DISPARITY, STEP)
         reach = math.hypot(warp[1][0], warp[1][1])  # pixels per 1/m, of a camera beside the other
         scales = reach * float(np.median(idepth)) / disparities
-        height, width = left.shape
         fits = correlations(
-            left.ravel(), width, right.ravel(), self._rig.right.width, self._rig.right.height, *warp,
+            left.ravel(), left.shape[1], right.ravel(), self._rig.right.width, self._rig.right.height, *warp,
             u, v, idepth, scales,
         )  # fmt: skip
         seen = np.isfinite(fits)
