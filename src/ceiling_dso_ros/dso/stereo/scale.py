@@ -97,7 +97,10 @@ def estimate_scale(points: PointScales, baseline_sigma: float, disparity_sigma_p
     known = np.count_nonzero(np.bincount(points.cell))
     if new <= 0.0 or known < 2:
         return NO_SCALE
-    variance = known / (known - 1.0) * float(np.sum(sums**2)) / (k * mapped) ** 2
+    # Of the sum's derivative by k: beyond the threshold psi is constant.
+    inner = np.abs(residual) < HUBER * sigma
+    slope = float(np.sum((points.reach * points.mapped / sigma**2)[inner]))
+    variance = known / (known - 1.0) * float(np.sum(sums**2)) / (k * slope) ** 2
     common = math.hypot(baseline_sigma, disparity_sigma_px * float(np.sum(weight)) / (k * mapped))
     return ScaleMeasurement(-math.log(k), math.sqrt(variance / new), common)
 

@@ -22,8 +22,9 @@ from ceiling_dso_ros.dso.stereo.scale import (
 SEARCHED = 200  # points with which the scale is looked for
 LEAST_DISPARITY, LARGEST_DISPARITY = 1.0, 64.0  # pixels of the middle point, in the search
 STEP = 0.5  # pixels
-APART = 2.0  # pixels: what is further from the best place is another one
-CERTAIN = 5.0  # standard deviations by which the best place must be better than any other
+APART = 4.0  # pixels: what is further from the best place is another one; finer patterns are too fine to be told apart
+CERTAIN = 5.0  # standard deviations by which the best place must be better than any other, by at least this:
+MARGIN = 0.1  # of the correlation of two patches
 LEAST_SEEN = 0.5  # share of the points that an assumed scale must place in the right image
 
 
@@ -97,7 +98,9 @@ class ScaleFinder:
     ) -> Optional[float]:
         """Metres per unit to about half a pixel; None where no scale is clearly better than all others.
 
-        Whether two places differ is judged by the differences of all points, in standard deviations of their mean.
+        A point fits a scale as well as it fits anywhere within a pixel around: depths in the map are not exact, which
+        counts the more the larger the disparity is. Whether two scales differ is judged by the differences of all
+        points, in standard deviations of their mean.
         """
         some = np.linspace(0, len(points.u) - 1, min(SEARCHED, len(points.u))).astype(np.int64)
         u, v, idepth, _ = (np.ascontiguousarray(array[some]) for array in points)
@@ -108,6 +111,7 @@ class ScaleFinder:
             left.ravel(), left.shape[1], right.ravel(), self._rig.right.width, self._rig.right.height, *warp,
             u, v, idepth, scales,
         )  # fmt: skip
+        fits = _best_around(fits, round(1.0 / STEP))
         seen = np.isfinite(fits)
         counts = seen.sum(axis=1)
         means = np.where(seen, fits, 0.0).sum(axis=1) / np.maximum(counts, 1)
@@ -119,6 +123,12 @@ class ScaleFinder:
         for other in others:
             both = seen[best] & seen[other]
             better = fits[best, both] - fits[other, both]
-            if better.size and better.mean() < CERTAIN * better.std() / math.sqrt(better.size):
+            if better.size and better.mean() < MARGIN + CERTAIN * better.std() / math.sqrt(better.size):
                 return None
         return float(scales[best])
+
+
+def _best_around(fits: np.ndarray, reach: int) -> np.ndarray:
+    """Largest of `fits`, (m, n), within some rows of each; nan where all are."""
+    padded = np.pad(fits, ((reach, reach), (0, 0)), constant_values=np.nan)
+    return np.fmax.reduce([padded[shift : shift + len(fits)] for shift in range(2 * reach + 1)])
