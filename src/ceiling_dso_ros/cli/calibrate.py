@@ -11,6 +11,7 @@ from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
+    from ceiling_dso_ros.dso import OdometryConfig
     from ceiling_dso_ros.fusion.calibration import CalibratedValue, Calibration
     from ceiling_dso_ros.io.camera_models import CameraCalibration
     from ceiling_dso_ros.io.recording import Frame, Recording
@@ -29,13 +30,22 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         help="estimate the robot's dimensions and the camera's lens from a recording",
         description="Estimate the lens of the camera, its mounting, its time offset, the ratio of the wheel radii and "
         "the wheel base from a recording with camera and wheels. Record one minute with turns in both directions and "
-        "straight parts. The height of the camera and the mean wheel radius cannot be estimated and keep their values. "
+        "straight parts. The height of the camera cannot be estimated and keeps its value, nor can the mean wheel "
+        "radius without the images of a second camera. "
         "Writes the robot, and the camera into camera.txt beside it, for --camera of all commands.",
     )
     add_recording_options(parser)
     parser.add_argument("--out", metavar="robot.yaml", type=Path, required=True, help="output file")
     parser.add_argument(
         "--keep-lens", action="store_true", help="the recording's calibration is exact: do not estimate the lens"
+    )
+    parser.add_argument(
+        "--set",
+        metavar="key=value",
+        dest="overrides",
+        action="append",
+        default=[],
+        help="set one value of the odometry, such as rig.baseline_sigma=0.001; may be repeated",
     )
     add_wheel_options(parser)
     parser.set_defaults(execute=execute)
@@ -48,7 +58,7 @@ def execute(options: argparse.Namespace) -> None:
         InputError: unreadable recording, no wheels in it, too little motion, or a file that cannot be written.
         OutputError: the result cannot be written; it is printed.
     """
-    from ceiling_dso_ros.dso.config import ConfigError
+    from ceiling_dso_ros.dso.config import ConfigError, OdometryConfig
     from ceiling_dso_ros.fusion.calibration import CalibrationError, calibrate
     from ceiling_dso_ros.fusion.config import WheelConfig
     from ceiling_dso_ros.fusion.wheel import WheelOdometry
@@ -58,6 +68,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.lens.calibrating import calibrate_all
     from ceiling_dso_ros.playback.fusion_playback import robot_model
     from ceiling_dso_ros.playback.wheel_playback import wheel_steps
+    from ceiling_dso_ros.settings import load_settings
 
     camera_path = options.out.with_name(CAMERA_FILE)
     require_output_file(options.out, [] if options.keep_lens else [CAMERA_FILE])
@@ -70,12 +81,13 @@ def execute(options: argparse.Namespace) -> None:
         warnings.add(
             f"{wheels.source}: the radii and the wheel base are those of the driver of the odometry: correct them there"
         )
-    passes = _Passes(recording, options.bits, warnings)
+    passes = _Passes(recording, load_settings(None, options.overrides, OdometryConfig), options.bits, warnings)
     try:
         robot = robot_model(description)
         steps = list(wheel_steps(wheels, WheelOdometry(robot, WheelConfig())))
         if options.keep_lens:
-            calibration = calibrate(steps, passes.observe(recording.calibration).poses, robot)
+            drive = passes.observe(recording.calibration)
+            calibration = calibrate(steps, drive.poses, robot, drive.scales)
             texts = {options.out.name: _yaml(calibration, options.input)}
         else:
             found = calibrate_all(steps, robot, recording.calibration, passes.observe)
@@ -98,7 +110,7 @@ def execute(options: argparse.Namespace) -> None:
 class _Passes:
     """Tracks all readable images, with one calibration after another; what is wrong with them is said once."""
 
-    def __init__(self, recording: "Recording", bits: int, warnings: "WarningLog") -> None:
+    def __init__(self, recording: "Recording", config: "OdometryConfig", bits: int, warnings: "WarningLog") -> None:
         from tqdm import tqdm
 
         from ceiling_dso_ros.dso.warmup import load_kernels
@@ -106,7 +118,7 @@ class _Passes:
 
         load_kernels(tqdm.write)
         load_kernels_of_lens(tqdm.write)
-        self._recording, self._bits, self._warnings = recording, bits, warnings
+        self._recording, self._config, self._bits, self._warnings = recording, config, bits, warnings
         self._first = True
 
     def observe(self, camera: "CameraCalibration") -> "ObservedDrive":
@@ -116,7 +128,11 @@ class _Passes:
         from ceiling_dso_ros.playback.visual_run import VisualRun
 
         tell = self._warnings.add if self._first else ignore_warning
-        visual = VisualRun.of_camera(camera, self._recording.photometric, bits=self._bits, tell=tell)
+        recording = self._recording
+        visual = VisualRun.of_camera(
+            camera, recording.photometric, config=self._config, bits=self._bits, tell=tell,
+            second=recording.second_camera,
+        )  # fmt: skip
         drive = observe(visual, self._frames())
         self._first = False
         return drive
@@ -139,7 +155,7 @@ class _Passes:
 def _table(of_lens: Sequence["CalibratedValue"], of_robot: Sequence["CalibratedValue"]) -> str:
     from tabulate import tabulate
 
-    from ceiling_dso_ros.fusion.calibration import ALWAYS_UNOBSERVABLE
+    from ceiling_dso_ros.fusion.calibration import ALWAYS_UNOBSERVABLE, MEAN_RADIUS
 
     rows = [[v.name, f"{v.value:.4f}", _sigma(v), v.unit, f"{v.nominal:.4f}"] for v in of_lens]
     rows += [
@@ -152,7 +168,10 @@ def _table(of_lens: Sequence["CalibratedValue"], of_robot: Sequence["CalibratedV
         ]
         for value in of_robot
     ]
-    rows += [[name, "-", "cannot be estimated", "m", ""] for name in ALWAYS_UNOBSERVABLE]
+    told = {value.name for value in of_robot}
+    rows += [
+        [name, "-", "cannot be estimated", "m", ""] for name in (ALWAYS_UNOBSERVABLE, MEAN_RADIUS) if name not in told
+    ]
     return tabulate(rows, headers=["", "value", "standard deviation", "unit", "before"], disable_numparse=True)
 
 

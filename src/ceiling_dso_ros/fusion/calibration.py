@@ -13,20 +13,25 @@ until no other ones are found: a robust loss alone would let slips move the resu
 
 import math
 from dataclasses import dataclass, replace
-from typing import Sequence, Tuple
+from types import MappingProxyType
+from typing import Mapping, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair, WheelPath, image_pairs
 from ceiling_dso_ros.fusion.calibration_problem import MountingProblem, Solution, first_guess
+from ceiling_dso_ros.fusion.calibration_radius import metric_poses, radius_error
 from ceiling_dso_ros.fusion.calibration_slips import WheelSlip, beside, contradicting, described, follows, slipping
 from ceiling_dso_ros.fusion.config import RobotModel
+from ceiling_dso_ros.fusion.metric_scale import SegmentScale
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 
 MIN_PAIRS = 10
 ROUNDS = 10  # of leaving slips out; two are usual
-ALWAYS_UNOBSERVABLE = ("camera z", "mean wheel radius")
+MEAN_RADIUS = "mean wheel radius"
+ALWAYS_UNOBSERVABLE = "camera z"
+LARGEST_RADIUS_SIGMA = 0.01  # relative: a radius that is known worse is better measured by hand
 
 # estimated values: name, unit, and the standard deviation below which a value counts as determined
 PARAMETERS = (
@@ -69,7 +74,7 @@ class Calibration:
     """All results.
 
     Attributes:
-        values: one for each of PARAMETERS.
+        values: one for each of PARAMETERS, and MEAN_RADIUS where a second camera tells it.
         robot: the robot with the values that the motion determines; the others stay nominal.
         pairs: how many pairs of images were used.
         left_out: how many were not, because the wheels slipped then or shortly before or after.
@@ -83,13 +88,19 @@ class Calibration:
     slips: Tuple[WheelSlip, ...]
 
 
-def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: RobotModel) -> Calibration:
-    """Estimate camera mounting, time offset, wheel ratio and wheel base.
+def calibrate(
+    steps: Sequence[WheelStep],
+    poses: Sequence[CameraPose],
+    robot: RobotModel,
+    scales: Mapping[int, SegmentScale] = MappingProxyType({}),
+) -> Calibration:
+    """Estimate camera mounting, time offset, wheel ratio and wheel base, with a second camera the mean wheel radius.
 
     Args:
         steps: of the wheels, one after the other, by the nominal dimensions.
         poses: of the camera, all tracked images in order.
         robot: nominal dimensions; of the camera's mounting it is enough to know that it looks upward.
+        scales: segment -> its scale by a second camera, as of `segment_scales`.
 
     Raises:
         CalibrationError: too little motion that both sensors have measured, or they disagree about most of it.
@@ -104,6 +115,7 @@ def calibrate(steps: Sequence[WheelStep], poses: Sequence[CameraPose], robot: Ro
         )
     solution, used, slips = _without_slips(wheels, pairs, robot)
     values = described_values(solution.values, np.sqrt(np.diag(solution.covariance)), robot)
+    values += _mean_radius(wheels, poses, robot, scales)
     count = int(np.count_nonzero(used))
     return Calibration(values, applied(values, robot), count, len(pairs) - count, slips)
 
@@ -134,6 +146,37 @@ def _without_slips(
     return solution, used, described(pairs, slips, solution.excess_m)
 
 
+def _mean_radius(
+    wheels: WheelPath, poses: Sequence[CameraPose], robot: RobotModel, scales: Mapping[int, SegmentScale]
+) -> Tuple[CalibratedValue, ...]:
+    """The mean wheel radius, if a second camera has told metres in a part of the drive that is long enough."""
+    pairs = image_pairs(metric_poses(poses, scales), wheels)
+    if len(pairs) < MIN_PAIRS:
+        return ()
+    try:
+        solution, _, _ = _without_slips(wheels, pairs, robot)
+    except CalibrationError:
+        return ()
+    found = radius_error(solution.segments, solution.log_scales, solution.scale_covariance, scales)
+    nominal = mean_radius_m(robot)
+    value = CalibratedValue(
+        MEAN_RADIUS, "m", nominal * math.exp(found.log_ratio), nominal * found.sigma, nominal,
+        found.sigma < LARGEST_RADIUS_SIGMA,
+    )  # fmt: skip
+    return (value,)
+
+
+def with_radius(calibration: Calibration, radius: Tuple[CalibratedValue, ...], robot: RobotModel) -> Calibration:
+    """A calibration of a nominal robot without the mean radius, with that; `radius` may be empty."""
+    values = calibration.values + radius
+    return replace(calibration, values=values, robot=applied(values, robot))
+
+
+def mean_radius_m(robot: RobotModel) -> float:
+    """Geometric mean of the two wheels' radii, metres."""
+    return math.sqrt(robot.wheel_radius_m[0] * robot.wheel_radius_m[1])
+
+
 def described_values(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel) -> Tuple[CalibratedValue, ...]:
     """Results in the units of PARAMETERS, from values and standard deviations (8,) as `Solution` has them."""
     yaw, pitch, roll = Rotation.from_matrix(robot.T_base_camera[:3, :3]).as_euler("ZYX")
@@ -155,11 +198,11 @@ def described_values(solution: np.ndarray, sigmas: np.ndarray, robot: RobotModel
 
 
 def applied(values: Sequence[CalibratedValue], robot: RobotModel) -> RobotModel:
-    """The robot with those of the values that the motion determines."""
-    roll, pitch, yaw, x, y, offset_s, ratio, base = (v.value if v.excited else v.nominal for v in values)
+    """The robot with those of the values that are determined: of PARAMETERS, and MEAN_RADIUS where it is told."""
+    roll, pitch, yaw, x, y, offset_s, ratio, base, *told = (v.value if v.excited else v.nominal for v in values)
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
     T[:3, 3] = x, y, robot.T_base_camera[2, 3]
-    mean = math.sqrt(robot.wheel_radius_m[0] * robot.wheel_radius_m[1])
+    mean = told[0] if told else mean_radius_m(robot)
     radii = (mean / math.sqrt(ratio), mean * math.sqrt(ratio))
     return replace(robot, T_base_camera=T, wheel_base_m=base, wheel_radius_m=radii, camera_time_offset_s=offset_s)

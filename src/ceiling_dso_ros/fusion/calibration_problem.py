@@ -77,6 +77,9 @@ class Solution:
         values: (8,) in the order of PRIOR_SIGMAS: rad, m, s and logarithms.
         covariance: (8, 8) of them.
         guess: the same with the scales, as `first_guess` gives it.
+        segments: (s,) numbers of the segments.
+        log_scales: (s,) logarithms of metres per unit in them.
+        scale_covariance: (s, s) of them.
         excess_m: (n, 3) for each pair, also for those that were not used: how much further than the camera says the
             left and the right wheel turned, and how much further to the left the robot moved by the wheels, metres.
     """
@@ -84,6 +87,9 @@ class Solution:
     values: np.ndarray
     covariance: np.ndarray
     guess: np.ndarray
+    segments: Tuple[int, ...]
+    log_scales: np.ndarray
+    scale_covariance: np.ndarray
     excess_m: np.ndarray
 
 
@@ -100,8 +106,8 @@ class MountingProblem:
         self._height_m = robot.T_base_camera[2, 3]
         self._rotations = np.array([pair.rotation for pair in pairs])
         self._translations = np.array([pair.translation for pair in pairs])
-        segments = sorted({pair.segment for pair in pairs})
-        self._segment = np.array([segments.index(pair.segment) for pair in pairs])
+        self._segments = tuple(sorted({pair.segment for pair in pairs}))
+        self._segment = np.array([self._segments.index(pair.segment) for pair in pairs])
         R_nominal = Rotation.from_matrix(robot.T_base_camera[:3, :3])
         self._nominal = (R_nominal, robot.T_base_camera[:2, 3], robot.camera_time_offset_s)
         self._sigmas = FIRST_SIGMAS
@@ -117,7 +123,9 @@ class MountingProblem:
             residuals = self._residuals(parameters)[used]
             scatter = 1.4826 * np.median(np.abs(residuals), axis=0)
             self._sigmas = np.maximum(scatter, 1e-6)
-        covariance = np.linalg.inv(found.jac.T @ found.jac)[: len(PRIOR_SIGMAS), : len(PRIOR_SIGMAS)]
+        size = len(PRIOR_SIGMAS)
+        whole = np.linalg.inv(found.jac.T @ found.jac)
+        covariance = whole[:size, :size]
         to_angles = np.eye(len(PRIOR_SIGMAS))
         angles = self._angles(parameters[:3])
         for axis, step in enumerate(1e-6 * np.eye(3)):
@@ -126,6 +134,9 @@ class MountingProblem:
             np.concatenate([angles, parameters[3:8]]),
             to_angles @ covariance @ to_angles.T,
             np.concatenate([(Rotation.from_rotvec(parameters[:3]) * self._R).as_rotvec(), parameters[3:]]),
+            self._segments,
+            parameters[size:],
+            whole[size:, size:],
             self._excess_m(parameters),
         )
 

@@ -67,4 +67,4 @@ def metre_of(values: gtsam.Values) -> float:
 
 def fields_of(stereo: Optional[StereoScale]) -> Tuple[bool, Tuple[float, float, float]]:
     """As MOTION has it: whether there is a measurement, and its numbers."""
-    return stereo is not None, (0.0, 0.0, 0.0) if stereo is None else tuple(stereo)
+    return stereo is not None, (0.0, 0.0, 0.0) if stereo is None else (*stereo,)

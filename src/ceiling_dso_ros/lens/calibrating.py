@@ -7,12 +7,14 @@ from typing import Callable, List, Sequence, Tuple
 import numpy as np
 
 from ceiling_dso_ros.fusion.calibration import (
+    MEAN_RADIUS,
     CalibratedValue,
     Calibration,
     CalibrationError,
     applied,
     calibrate,
     described_values,
+    with_radius,
 )
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
@@ -71,7 +73,7 @@ def calibrate_all(
     results: List[FoundDrive] = []
     while len(results) < PASSES and (len(results) < 2 or _change(*results[-2:]) > SMALL_CHANGE):
         drive = observe(current)
-        through_lens = calibrate(steps, drive.poses, robot)
+        through_lens = calibrate(steps, drive.poses, robot, drive.scales)
         tracks = follow(drive.keyframes, current.lens)
         found = find(drive.keyframes, tracks, steps, robot, through_lens.robot, camera.lens, current.lens)
         if not results and fits(found, camera.lens, NEEDLESS):
@@ -79,7 +81,9 @@ def calibrate_all(
             return CameraAndRobot(values, camera, through_lens, 1, lens_stays=True)
         results.append(found)
         current = _corrected(found, camera)
-    return _described(results[-1], camera, current, robot, len(results))
+    described = _described(results[-1], camera, current, robot, len(results))
+    radius = tuple(value for value in through_lens.values if value.name == MEAN_RADIUS)
+    return replace(described, robot=with_radius(described.robot, radius, robot))
 
 
 def _corrected(found: FoundDrive, camera: CameraCalibration) -> CameraCalibration:

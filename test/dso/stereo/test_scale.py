@@ -7,8 +7,10 @@ from ceiling_dso_ros.dso.stereo.scale import CELLS, NO_SCALE, PointScales, cells
 FB = 40.4  # pixels per 1/m
 
 
-def points(rng, scale=4.0, count=800, map_sigma=0.03, image_sigma=0.1, shared=0.0, outliers=0.0, new=1.0, disparity=8.0):
-    """Points under a ceiling with beams, whose depths and places are noisy; in parts of the image the noise is shared."""
+def points(
+    rng, scale=4.0, count=800, map_sigma=0.03, image_sigma=0.1, shared=0.0, outliers=0.0, new=1.0, disparity=8.0
+):
+    """Points under a ceiling with beams, with noise in depths and places, some of it shared in parts of the image."""
     u, v = rng.uniform(0, 848, count), rng.uniform(0, 480, count)
     cell = cells(u, v, 848, 480)
     truth = disparity / FB * rng.choice([1.0, 1.0, 1.3], count)  # 1/m
@@ -18,9 +20,7 @@ def points(rng, scale=4.0, count=800, map_sigma=0.03, image_sigma=0.1, shared=0.
     measured = truth + image_sigma / FB * rng.normal(size=count)
     wrong = rng.random(count) < outliers
     measured[wrong] += rng.uniform(-2.0, 2.0, wrong.sum()) / FB
-    return PointScales(
-        mapped, measured, np.full(count, FB), np.full(count, image_sigma), cell, rng.random(count) < new
-    )
+    return PointScales(mapped, measured, np.full(count, FB), np.full(count, image_sigma), cell, rng.random(count) < new)
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.5])
@@ -63,7 +63,9 @@ def test_what_all_keyframes_have_in_common_is_said_apart():
     assert found.sigma == estimate_scale(seen, 0.0, 0.0).sigma
     shifted = seen._replace(measured=seen.measured + 0.05 / FB)
     moved = estimate_scale(shifted, 0.0, 0.05)
-    assert abs(moved.log_scale - estimate_scale(seen, 0.0, 0.0).log_scale) == pytest.approx(moved.common_sigma, rel=0.03)
+    assert abs(moved.log_scale - estimate_scale(seen, 0.0, 0.0).log_scale) == pytest.approx(
+        moved.common_sigma, rel=0.03
+    )
 
 
 def test_few_points_tell_nothing():

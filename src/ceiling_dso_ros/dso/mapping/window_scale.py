@@ -24,10 +24,10 @@ class WindowScale:
         right = None if frame.right is None else frame.right()
         if right is None:
             return NO_SCALE
-        index, u, v, idepth = visible_points(window)
+        number, u, v, idepth = visible_points(window)
         points = window.points.arrays
-        host = np.array(window.ids, np.int64)[points.host[index]]
-        name = (host << 32) + (points.v[index].astype(np.int64) << 16) + points.u[index].astype(np.int64)
+        host = np.array(window.ids, np.int64)[points.host[number]]
+        name = (host << 32) + (points.v[number].astype(np.int64) << 16) + points.u[number].astype(np.int64)
         left = window.image(window.newest).reshape(window.height, window.width)
         K = intrinsic_matrix(window.intrinsics)
         return self._finder.measure(left, K, right, frame.smooth, SeenPoints(u, v, idepth, name))

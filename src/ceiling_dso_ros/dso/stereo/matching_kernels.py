@@ -73,13 +73,13 @@ def correlations(
         if squares <= 0.0:
             continue
         for m in range(scales.size):
-            x, y, z, _ = warp_point(warp, np.float64(u[i]), np.float64(v[i]), np.float64(idepth[i]) / scales[m])
+            x, y, z, _ = warp_point(warp, float(u[i]), float(v[i]), float(idepth[i]) / scales[m])
             if z <= 0.0 or not _inside(x, y, right_width, right_height):
                 continue
             total = total_squares = product = 0.0
             for p in range(PATCH_SIZE):
                 dx, dy = warp_offset(warp, float(p % SIDE - RADIUS), float(p // SIDE - RADIUS))
-                value = sample(right, right_width, np.float32(x + dx), np.float32(y + dy))
+                value = float(sample(right, right_width, np.float32(x + dx), np.float32(y + dy)))
                 total += value
                 total_squares += value * value
                 product += value * patch[p]
@@ -97,7 +97,7 @@ def _take(image: np.ndarray, width: int, u: float, v: float, patch: np.ndarray) 
         x, y = np.float32(u + (p % SIDE - RADIUS)), np.float32(v + (p // SIDE - RADIUS))
         value, _, _ = sample_gradient(image, width, x, y)
         patch[p] = value
-        total += value
+        total += float(value)
     mean = total / PATCH_SIZE
     for p in range(PATCH_SIZE):
         squares += (patch[p] - mean) ** 2
@@ -132,6 +132,49 @@ def _left_direction(warp: Warp, along_x: float, along_y: float) -> Tuple[float, 
     return (warp.yy * along_x - warp.xy * along_y) / determinant, (warp.xx * along_y - warp.yx * along_x) / determinant
 
 
+@kernel_inlined
+def _compare(
+    image: np.ndarray, width: int, x: float, y: float, warp: Warp, patch: np.ndarray, mean: float, squares: float,
+    derivative: np.ndarray,
+) -> Tuple[float, float, float]:  # fmt: skip
+    """Gain of a place in the right image, its variance (a sum), and the sum whose root is wanted."""
+    total = product = pull = total_squares = 0.0
+    for p in range(PATCH_SIZE):
+        dx, dy = warp_offset(warp, float(p % SIDE - RADIUS), float(p // SIDE - RADIUS))
+        sampled, _, _ = sample_gradient(image, width, np.float32(x + dx), np.float32(y + dy))
+        value = float(sampled)
+        total += value
+        total_squares += value * value
+        product += value * (patch[p] - mean)
+        pull += value * derivative[p]
+    return product / squares, total_squares - total * total / PATCH_SIZE, pull
+
+
+@kernel_inlined
+def _shift(
+    right: np.ndarray, right_width: int, right_height: int, warp: Warp, x: float, y: float, line_x: float,
+    line_y: float, patch: np.ndarray, mean: float, squares: float, derivative: np.ndarray, information: float,
+) -> Tuple[float, float]:  # fmt: skip
+    """How far along the line from (x, y) a patch is found, and the standard deviation of that; nan if it is not."""
+    shift = 0.0
+    for _ in range(ITERATIONS):
+        end_x, end_y = x + shift * line_x, y + shift * line_y
+        if abs(shift) > FURTHEST or not _inside(end_x, end_y, right_width, right_height):
+            return math.nan, math.nan
+        gain, variance, pull = _compare(right, right_width, end_x, end_y, warp, patch, mean, squares, derivative)
+        if gain <= 0.0 or variance <= 0.0:
+            return math.nan, math.nan
+        step = min(max(-pull / (gain * information), -LARGEST_STEP), LARGEST_STEP)
+        shift += step
+        if abs(step) < CONVERGED:
+            explained = gain * gain * squares / variance
+            if explained < LEAST_CORRELATION * LEAST_CORRELATION:
+                return math.nan, math.nan
+            unexplained = variance * (1.0 - explained) / (PATCH_SIZE - 3)
+            return shift, math.sqrt(unexplained / information) / gain
+    return math.nan, math.nan
+
+
 @kernel
 def match(
     left: np.ndarray, left_width: int, left_height: int, right: np.ndarray, right_width: int, right_height: int,
@@ -153,12 +196,11 @@ def match(
     """
     warp = warp_of(M, t)
     patch, derivative = np.empty(PATCH_SIZE, np.float32), np.empty(PATCH_SIZE, np.float32)
-    values = np.empty(PATCH_SIZE, np.float32)
     for i in range(u.size):
         found[i] = np.nan
-        a, b = np.float64(u[i]), np.float64(v[i])
+        a, b = float(u[i]), float(v[i])
         x, y, z, z_inverse = warp_point(warp, a, b, idepth[i])
-        if not (z > 0.0 and _inside(a, b, left_width, left_height) and _inside(x, y, right_width, right_height)):
+        if not (z > 0.0 and _inside(a, b, left_width, left_height)):
             continue
         line_x, line_y = epipolar_direction(warp, x, y)
         length = math.sqrt(line_x * line_x + line_y * line_y)
@@ -168,41 +210,12 @@ def match(
         if squares < PATCH_SIZE * LEAST_CONTRAST * LEAST_CONTRAST:
             continue
         along_u, along_v = _left_direction(warp, line_x, line_y)
-        information, before = _derivative(
-            left, left_width, a, b, along_u, along_v, patch, mean, squares, derivative
-        )  # fmt: skip
+        information, before = _derivative(left, left_width, a, b, along_u, along_v, patch, mean, squares, derivative)
         if information < FLAT * before or information < FLAT:
             continue
-        shift, step, variance, correlation = 0.0, 1.0, 0.0, 0.0
-        for _ in range(ITERATIONS):
-            if not _inside(x + shift * line_x, y + shift * line_y, right_width, right_height):
-                step = 1.0
-                break
-            total = product = pull = total_squares = 0.0
-            for p in range(PATCH_SIZE):
-                dx, dy = warp_offset(warp, float(p % SIDE - RADIUS), float(p // SIDE - RADIUS))
-                value, _, _ = sample_gradient(
-                    right, right_width, np.float32(x + shift * line_x + dx), np.float32(y + shift * line_y + dy)
-                )
-                values[p] = value
-                total += value
-                total_squares += value * value
-                product += value * (patch[p] - mean)
-                pull += value * derivative[p]
-            variance = total_squares - total * total / PATCH_SIZE
-            gain = product / squares
-            correlation = gain * math.sqrt(squares / variance) if variance > 0.0 else 0.0
-            if correlation <= 0.0:
-                step = 1.0
-                break
-            step = -pull / (gain * information)
-            step = min(max(step, -LARGEST_STEP), LARGEST_STEP)
-            shift += step
-            if abs(step) < CONVERGED or abs(shift) > FURTHEST:
-                break
-        if abs(step) >= CONVERGED or abs(shift) > FURTHEST or correlation < LEAST_CORRELATION:
-            continue
-        unexplained = variance * (1.0 - correlation * correlation) / (PATCH_SIZE - 3)
-        sigma[i] = math.sqrt(unexplained / information) / gain
-        end_x, end_y = x + shift * line_x, y + shift * line_y
-        found[i] = idepth_at(warp, a, b, end_x, end_y, line_x * line_x > line_y * line_y)
+        shift, sigma[i] = _shift(
+            right, right_width, right_height, warp, x, y, line_x, line_y, patch, mean, squares, derivative, information
+        )  # fmt: skip
+        if not math.isnan(shift):
+            along_x = line_x * line_x > line_y * line_y  # the better conditioned coordinate
+            found[i] = idepth_at(warp, a, b, x + shift * line_x, y + shift * line_y, along_x)

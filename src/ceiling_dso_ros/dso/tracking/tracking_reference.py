@@ -146,7 +146,7 @@ class ReferenceBuilder:
             idepth_sum[pixels], weight_sum[pixels] = 0, 0
         width, height = self._shape.sizes[0]
         seen = visible_points(window)
-        weight = np.sqrt(window.points.arrays.idepth_hessian[seen.index] + np.float32(1e-3))
+        weight = np.sqrt(window.points.arrays.idepth_hessian[seen.number] + np.float32(1e-3))
         count = splat(*seen[1:], weight, width, height, self._idepth[0], self._weight[0], self._pixel_list)
         self._pixels[0] = np.sort(self._pixel_list[:count])  # sampling is faster in memory order
         for level in range(1, self._shape.levels):

@@ -14,12 +14,12 @@ class VisiblePoints(NamedTuple):
     """Points that are inliers in the newest keyframe, as seen from there.
 
     Attributes:
-        index: (n,) int64 of each in the table of the points.
+        number: (n,) int64 of each in the table of the points.
         u, v: (n,) float32 pixels.
         idepth: (n,) float32 inverse depths, 1/unit.
     """
 
-    index: np.ndarray
+    number: np.ndarray
     u: np.ndarray
     v: np.ndarray
     idepth: np.ndarray
