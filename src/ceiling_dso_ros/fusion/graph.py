@@ -285,7 +285,7 @@ class WindowGraph:
         try:
             return self._solve()
         except (RuntimeError, np.linalg.LinAlgError):  # an indeterminate system, in gtsam and in numpy
-            self.revise(self.newest, visual=None)
+            self.revise(self.newest, visual=None, stereo=None)
             return self._solve()
 
     def _solve(self) -> GraphEstimate:

@@ -20,6 +20,7 @@ from gtsam.symbol_shorthand import N
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 
 METRE_KEY = N(0)  # n
+LARGEST, LEAST_SIGMA = 15.0, 1e-6  # of a logarithm, and of its standard deviation: what else is sent makes no sense
 
 
 class StereoScale(NamedTuple):
@@ -33,7 +34,8 @@ class StereoScale(NamedTuple):
     def of(cls, keyframe: KeyframeEstimate) -> "Optional[StereoScale]":
         """What a keyframe says; None where it says nothing."""
         values = keyframe.log_scale, keyframe.log_scale_sigma, keyframe.log_scale_common_sigma
-        usable = all(map(math.isfinite, values)) and keyframe.log_scale_sigma > 0.0 <= keyframe.log_scale_common_sigma
+        log_scale, sigma, common_sigma = values
+        usable = abs(log_scale) < LARGEST and LEAST_SIGMA < sigma < LARGEST and 0.0 <= common_sigma < LARGEST
         return cls(*values) if usable else None
 
 

@@ -62,6 +62,27 @@ class PairedImages:
         return self._next.decode
 
 
+def pose_of_right(T_by_tf: Optional[np.ndarray], P: Sequence[float], source: str) -> np.ndarray:
+    """T_left_right by tf, else by P: cameras of a pair that is rectified differ by a translation, -P[3] / P[0].
+
+    Args:
+        T_by_tf: (4, 4); None if tf does not have it.
+        P: (12,) of the camera_info of the second camera.
+        source: of that, for the message.
+
+    Raises:
+        InputError: neither says it.
+    """
+    if T_by_tf is not None and np.linalg.norm(T_by_tf[:3, 3]) > SHORTEST_BASELINE_M:
+        return T_by_tf
+    T = np.eye(4)
+    if len(P) == 12 and P[0] > 0.0 and P[5] > 0.0:
+        T[:2, 3] = -P[3] / P[0], -P[7] / P[5]
+    if not SHORTEST_BASELINE_M < math.hypot(T[0, 3], T[1, 3]) < math.inf:
+        raise InputError(f"{source}: neither tf nor P says where the second camera is")
+    return T
+
+
 def _right_images(path: Path, topic: str, decode: Decode) -> Iterator[_RightImage]:
     for raw in read_messages(path, [topic]):
         with suppress(FrameError):
@@ -120,21 +141,9 @@ class SecondCameraInBag:
         raise InputError(f"{self._contents.path}: no camera_info on {self._info_topic}")
 
     def _pose(self, P: Sequence[float]) -> np.ndarray:
-        """T_left_right by tf, else by P: cameras of a pair that is rectified differ by a translation, -P[3] / P[0]."""
         left, right = (self._frame_of(topic) for topic in (self._left_topic, self._topic))
-        if left and right and left != right:
-            T, _ = self._contents.find_transform(left, right)
-            if T is not None and np.linalg.norm(T[:3, 3]) > SHORTEST_BASELINE_M:
-                return T
-        T = np.eye(4)
-        if len(P) == 12 and P[0] > 0.0 and P[5] > 0.0:
-            T[:2, 3] = -P[3] / P[0], -P[7] / P[5]
-        if not SHORTEST_BASELINE_M < math.hypot(T[0, 3], T[1, 3]) < math.inf:
-            raise InputError(
-                f"{self._contents.path}: neither tf ({left or '?'} -> {right or '?'}) nor P of {self._info_topic} says "
-                "where the second camera is"
-            )
-        return T
+        T = self._contents.find_transform(left, right)[0] if left and right and left != right else None
+        return pose_of_right(T, P, f"{self._contents.path}, {self._info_topic}")
 
     def _frame_of(self, topic: str) -> str:
         for raw in _first(self._contents.path, topic):

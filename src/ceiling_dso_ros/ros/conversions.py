@@ -181,4 +181,7 @@ def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
         affine_b=affine_b,
         leaves=keyframe.leaves,
         depth=keyframe.depth,
+        log_scale=keyframe.log_scale,
+        log_scale_sigma=keyframe.log_scale_sigma,
+        log_scale_common_sigma=keyframe.log_scale_common_sigma,
     )

@@ -20,6 +20,7 @@ from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import FrameError, InputError, one_line
 from ceiling_dso_ros.io.frame_rate import FrameRateLimit, parse_frame_rate
 from ceiling_dso_ros.io.image_scaling import parse_image_size
+from ceiling_dso_ros.io.recording import SecondCamera
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.msg import MotionPrediction, VisualOdometryStatus
 from ceiling_dso_ros.playback.camera_spool import CameraSpool
@@ -37,6 +38,7 @@ from ceiling_dso_ros.ros.node import publishing
 from ceiling_dso_ros.ros.node_parameters import DsoParameters
 from ceiling_dso_ros.ros.odometry_publisher import OdometryPublisher
 from ceiling_dso_ros.ros.reconfigure import ReconfigureServer
+from ceiling_dso_ros.ros.right_input import RightInput
 from ceiling_dso_ros.ros.run_clock import RunClock
 from ceiling_dso_ros.ros.services import offer_trigger
 from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
@@ -59,6 +61,7 @@ class DsoServer:
         camera_info (sensor_msgs/CameraInfo): required unless ~calibration is given.
         exposure (ceiling_dso_ros/Exposure): optional, matched to the image by stamp.
         metadata (realsense2_camera/Metadata): optional, the exposures of Intel's driver realsense-ros.
+        right/image, right/camera_info, /tf_static: optional, a second camera, which tells the scale of keyframes.
         fusion/motion_prediction (MotionPrediction): with ~motion_prediction.
 
     Publishes:
@@ -108,6 +111,8 @@ class DsoServer:
         self._scheduler = LiveScheduler() if own.mapping == "live" else SequentialScheduler()
 
         self._calibrations = CalibrationInput(parameters.file_path(own.calibration), own.rectified)
+        self._right = RightInput(own.image_transport, own.rectified)
+        self._second: Optional[SecondCamera] = None  # of the run
         self._keeper = TrajectoryKeeper(own, CameraSpool, self._newest_results)
         load_kernels(warmup.load_kernels)
         self._predictions = MotionPredictions() if own.motion_prediction else None
@@ -211,16 +216,18 @@ class DsoServer:
         """
         image, stamp_ns = image_array(message), message.header.stamp.to_nsec()
         calibration = self._calibrations.newest(CALIBRATION_TIMEOUT_S, (image.shape[1], image.shape[0]))
-        if calibration is not None and calibration != self._calibration:
+        second = self._right.camera(self._camera_frame(message), CALIBRATION_TIMEOUT_S)
+        if calibration is not None and (calibration != self._calibration or second is not self._second):
             calibration.require_size_of(image)  # a wrong one may not cost the map, nor memory for other images
-            self._use(calibration)
+            self._use(calibration, second)
         if self._run is None:
             waiting = self._size_complaint or f"waiting for a calibration on {rospy.resolve_name('camera_info')}"
             rospy.logwarn_throttle(WARNING_PERIOD_S, waiting)
             return no_pose_message(header, VisualOdometryStatus(state=VisualOdometryStatus.WAITING), waiting), None
         self._run.preprocess.check(image)  # before its stamp counts
         inner_ns = self._take_stamp(stamp_ns)
-        tracked = self._run.track(image, inner_ns, self._exposures.at(stamp_ns), self._prediction(stamp_ns))
+        exposure_ms, prediction = self._exposures.at(stamp_ns), self._prediction(stamp_ns)
+        tracked = self._run.track(image, inner_ns, exposure_ms, prediction, self._right.later(stamp_ns))
         if self._keeper.spool is not None:
             self._keeper.spool.add(tracked.status)
         status = self._with_data_stamps(tracked.status)
@@ -242,11 +249,11 @@ class DsoServer:
     def _camera_frame(self, message: AnyImage) -> str:
         return self._camera_frame_id or message.header.frame_id.lstrip("/")
 
-    def _use(self, calibration: CameraCalibration) -> None:
-        """Restart with a calibration."""
+    def _use(self, calibration: CameraCalibration, second: Optional[SecondCamera]) -> None:
+        """Restart with a calibration, and a second camera if there is one."""
         if self._calibration is not None:
-            rospy.logwarn("the camera's calibration changed: restarting")
-        self._calibration, self._run = calibration, None
+            rospy.logwarn("the calibration of a camera changed: restarting")
+        self._calibration, self._second, self._run = calibration, second, None
         self._scheduler.discard()
         own: DsoParameters = self._parameters
         try:
@@ -258,6 +265,7 @@ class DsoServer:
                 bits=own.bit_depth,
                 tell=rospy.logwarn,
                 keep_trajectory=False,  # the keeper has it
+                second=second,
             )
         except (ConfigError, InputError) as error:
             self._size_complaint = one_line(f"cannot track: {error}")
@@ -326,7 +334,8 @@ class DsoServer:
     # Diagnostics
 
     def _report(self, report: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
-        complaints = (self._calibrations.complaint, self._keeper.complaint, self._exposures.complaint)
+        inputs = (self._calibrations, self._keeper, self._exposures, self._right)
+        complaints = tuple(each.complaint for each in inputs)
         dso_report.summarize(report, self._status, self._paused, complaints)
         self._images.judge(report, self._image_topic)
         report.add("dropped", str(self._dropped))

@@ -184,6 +184,7 @@ class SimulationParameters:
     map_to_odom: bool = True  # publish this transform, true at the start; false where a localisation publishes it
     camera_size: str = "848x480"  # WIDTHxHEIGHT, multiples of 4
     camera_rate: float = 30.0  # images per second, 1 to 120
+    stereo: bool = False  # a second upward camera
     events: str = ""  # events, comma-separated, in the format of `simulate --event`
 
     def check(self) -> None:

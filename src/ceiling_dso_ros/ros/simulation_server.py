@@ -144,6 +144,7 @@ def _config(own: SimulationParameters) -> SimulationConfig:
         seed=own.seed,
         duration_s=own.duration,
         camera=CameraModel(width=width, height=height, fps=own.camera_rate),
+        stereo=own.stereo,
         events=tuple(_split(own.events)),
     )
 
