@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 TRAJECTORIES = {
     "camera": "sim3",
     "camera_final": "sim3",
+    "camera_metric": "se3",
     "wheel": "se2",
     "fused": "se2",
     "fused_smoothed": "se2",

@@ -44,6 +44,12 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--exposure-topic", metavar="TOPIC", help="default: exposure in the namespace of the images")
     parser.add_argument(
+        "--right-image-topic",
+        metavar="TOPIC",
+        help="images of a second camera, which tells metres (default: /camera/up_right/image_raw where the bag has it; "
+        "an empty text to leave them out)",
+    )
+    parser.add_argument(
         "--rectified", action="store_true", help="the images are rectified: use P of camera_info, not K and D"
     )
     parser.add_argument(
@@ -61,6 +67,7 @@ def topics_of_camera(options: argparse.Namespace) -> Dict[str, str]:
         "image": options.image_topic,
         "camera_info": options.camera_info_topic,
         "exposure": options.exposure_topic,
+        "right_image": options.right_image_topic,
     }
     return {name: topic for name, topic in topics.items() if topic is not None}
 

@@ -113,6 +113,7 @@ class SecondCameraInBag:
         self._warn = warn
         names = (topics.right_image, f"{topics.right_image}/compressed")
         self._topic = next((name for name in names if contents.types.get(name) in decoders), "")
+        self._asked = topics.right_image
         own = replace(topics, image=topics.right_image)
         self._info_topic = topics.right_camera_info or own.beside_image("camera_info")
 
@@ -125,6 +126,8 @@ class SecondCameraInBag:
     def camera(self) -> Optional[SecondCamera]:
         """The calibration; None without a second camera, or where what is needed is not in the bag, which is told."""
         if not self._topic:
+            if self._asked not in ("", TopicNames.right_image):
+                self._warn(f"{self._contents.path}: there are no images on {self._asked}")
             return None
         try:
             info = self._first_info()
