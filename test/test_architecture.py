@@ -35,6 +35,7 @@ ROOMS_OF_DSO = (
     ("compute",),
     ("geometry",),
     ("images",),
+    ("stereo",),
     ("window",),
     ("adjustment",),
     ("tracking",),

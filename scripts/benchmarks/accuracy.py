@@ -11,6 +11,7 @@ import json
 import shutil
 import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List
 
@@ -23,6 +24,7 @@ from support.lenses import lenses
 from support.random_roofs import low_rates, roofs
 from support.regulation import regulation
 from support.shared_starts import first_poses, hard, reference_drives
+from support.stereo import FIRST_ROOF, stereo
 from support.table import Row, report
 from support.uncovered import uncovered
 
@@ -161,7 +163,7 @@ PARTS: Dict[str, Callable[[TrackedDrives, int], Iterator[Row]]] = {
     part.__name__: part
     for part in (
         *(recordings, starts, first_poses, hard, reference_drives, roofs, low_rates, first_maps, lenses),
-        *(seeds, rates, regulation, events, uncovered, covariance, long, ablation),
+        *(seeds, rates, regulation, events, uncovered, covariance, long, ablation, stereo),
     )
 }
 
@@ -174,8 +176,13 @@ def main() -> int:
     )
     parser.add_argument("--seeds", metavar="N", type=int, default=5, help="drives, halls; default %(default)s")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    parser.add_argument(
+        "--first-roof", metavar="SEED", type=int, default=FIRST_ROOF,
+        help="first of the random roofs of `stereo`; default %(default)s, those for judging",
+    )  # fmt: skip
     parser.add_argument("--fresh", action="store_true", help="track what has been tracked before, too")
     options = parser.parse_args()
+    PARTS["stereo"] = partial(stereo, first=options.first_roof)
     if options.fresh:
         shutil.rmtree(options.out / "tracked", ignore_errors=True)
     tracked = TrackedDrives(RenderedDrives(options.out / "drives"), Kept(options.out / "tracked"), DATA)

@@ -2,6 +2,7 @@
 """Compile and cache every kernel before the first run: `python3 -m ceiling_dso_ros.dso.warmup`."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Callable, Optional
 
@@ -15,10 +16,12 @@ from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.images.interpolation import sample
 from ceiling_dso_ros.dso.odometry import DirectOdometry
+from ceiling_dso_ros.dso.stereo.rig import StereoRig
 
 MAX_FRAMES = 80
 KEYFRAMES = 6  # enough that keyframes are marginalised
 STEP = 0.012  # depths from one image to the next
+BASELINE = 0.04  # depths, of a second camera
 NOISE = 3.0  # grey levels, that are smoothed
 
 
@@ -36,10 +39,13 @@ def warm_up() -> int:
     """Run a short sequence through the odometry; returns the number of keyframes it made."""
     camera = PinholeCamera(200.0, 200.0, 159.5, 119.5, 320, 240)
     window = WindowConfig(max_keyframes=3, min_keyframes=2, candidate_points=300, active_points=400)
-    odometry = DirectOdometry(camera, OdometryConfig(window=window))
+    T_left_right = np.eye(4)
+    T_left_right[0, 3] = BASELINE
+    odometry = DirectOdometry(camera, OdometryConfig(window=window), rig=StereoRig(camera, T_left_right))
     keyframes = 0
     for frame in range(MAX_FRAMES):
-        keyframes += odometry.track(textured_plane(camera, STEP * frame), frame).is_keyframe
+        right = partial(textured_plane, camera, STEP * frame + BASELINE)
+        keyframes += odometry.track(textured_plane(camera, STEP * frame), frame, right=right).is_keyframe
         if keyframes == KEYFRAMES:
             break
     odometry.track(np.full((camera.height, camera.width), 255.0, np.float32), MAX_FRAMES)  # as by a flash
