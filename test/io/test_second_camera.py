@@ -3,7 +3,19 @@ import shutil
 
 import numpy as np
 import pytest
-from small_bag import HEIGHT, IMAGE, INFO, PERIOD_NS, WIDTH, K, picture, stamp_ns, write_damaged, write_images, write_info
+from small_bag import (
+    HEIGHT,
+    IMAGE,
+    INFO,
+    PERIOD_NS,
+    WIDTH,
+    K,
+    picture,
+    stamp_ns,
+    write_damaged,
+    write_images,
+    write_info,
+)
 
 from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.errors import FrameError, InputError

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A second camera under roofs, with cameras and wheels, that are drawn at random: metres without wheels, wheels by them.
+"""A second camera, under roofs that are drawn at random, as are cameras and wheels: metres without wheels, and wheels.
 
 The cameras' geometry is exact in the simulation. So the odometry is told that it is, but for the error that finding
 points in the images may make, `OWN_BIAS_PX`, which the tests of the kernels keep to.

@@ -14,7 +14,7 @@ until no other ones are found: a robust loss alone would let slips move the resu
 import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Mapping, Sequence, Tuple
+from typing import Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,6 +30,7 @@ from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 MIN_PAIRS = 10
 ROUNDS = 10  # of leaving slips out; two are usual
 MEAN_RADIUS = "mean wheel radius"
+BY_WHEELS = ("camera x", "camera y", "wheel base")  # lengths that the wheels measure
 ALWAYS_UNOBSERVABLE = "camera z"
 LARGEST_RADIUS_SIGMA = 0.01  # relative: a radius that is known worse is better measured by hand
 
@@ -115,7 +116,7 @@ def calibrate(
         )
     solution, used, slips = _without_slips(wheels, pairs, robot)
     values = described_values(solution.values, np.sqrt(np.diag(solution.covariance)), robot)
-    values += _mean_radius(wheels, poses, robot, scales)
+    values = with_radius(values, _mean_radius(wheels, poses, robot, scales))
     count = int(np.count_nonzero(used))
     return Calibration(values, applied(values, robot), count, len(pairs) - count, slips)
 
@@ -148,28 +149,38 @@ def _without_slips(
 
 def _mean_radius(
     wheels: WheelPath, poses: Sequence[CameraPose], robot: RobotModel, scales: Mapping[int, SegmentScale]
-) -> Tuple[CalibratedValue, ...]:
+) -> Optional[CalibratedValue]:
     """The mean wheel radius, if a second camera has told metres in a part of the drive that is long enough."""
     pairs = image_pairs(metric_poses(poses, scales), wheels)
     if len(pairs) < MIN_PAIRS:
-        return ()
+        return None
     try:
         solution, _, _ = _without_slips(wheels, pairs, robot)
     except CalibrationError:
-        return ()
+        return None
     found = radius_error(solution.segments, solution.log_scales, solution.scale_covariance, scales)
     nominal = mean_radius_m(robot)
-    value = CalibratedValue(
+    return CalibratedValue(
         MEAN_RADIUS, "m", nominal * math.exp(found.log_ratio), nominal * found.sigma, nominal,
         found.sigma < LARGEST_RADIUS_SIGMA,
     )  # fmt: skip
-    return (value,)
 
 
-def with_radius(calibration: Calibration, radius: Tuple[CalibratedValue, ...], robot: RobotModel) -> Calibration:
-    """A calibration of a nominal robot without the mean radius, with that; `radius` may be empty."""
-    values = calibration.values + radius
-    return replace(calibration, values=values, robot=applied(values, robot))
+def with_radius(values: Sequence[CalibratedValue], radius: Optional[CalibratedValue]) -> Tuple[CalibratedValue, ...]:
+    """The values of PARAMETERS, found with the nominal mean radius, with that radius; as they are without one.
+
+    What is measured by wheels that turn further is longer, too.
+    """
+    if radius is None:
+        return tuple(values)
+    if not radius.excited:
+        return (*values, radius)
+    gain, sigma = radius.value / radius.nominal, radius.sigma / radius.nominal
+    return (*(_longer(each, gain, sigma) if each.name in BY_WHEELS else each for each in values), radius)
+
+
+def _longer(value: CalibratedValue, gain: float, gain_sigma: float) -> CalibratedValue:
+    return replace(value, value=gain * value.value, sigma=math.hypot(gain * value.sigma, gain_sigma * value.value))
 
 
 def mean_radius_m(robot: RobotModel) -> float:

@@ -2,7 +2,7 @@
 """Calibration of camera and robot from one drive: passes of the odometry, each in the lens that the last one found."""
 
 from dataclasses import dataclass, replace
-from typing import Callable, List, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -81,9 +81,8 @@ def calibrate_all(
             return CameraAndRobot(values, camera, through_lens, 1, lens_stays=True)
         results.append(found)
         current = _corrected(found, camera)
-    described = _described(results[-1], camera, current, robot, len(results))
-    radius = tuple(value for value in through_lens.values if value.name == MEAN_RADIUS)
-    return replace(described, robot=with_radius(described.robot, radius, robot))
+    radius = next((value for value in through_lens.values if value.name == MEAN_RADIUS), None)
+    return _described(results[-1], camera, current, robot, len(results), radius)
 
 
 def _corrected(found: FoundDrive, camera: CameraCalibration) -> CameraCalibration:
@@ -101,10 +100,11 @@ def _change(before: FoundDrive, found: FoundDrive) -> float:
 
 
 def _described(
-    found: FoundDrive, before: CameraCalibration, camera: CameraCalibration, robot: RobotModel, passes: int
-) -> CameraAndRobot:
+    found: FoundDrive, before: CameraCalibration, camera: CameraCalibration, robot: RobotModel, passes: int,
+    radius: Optional[CalibratedValue],
+) -> CameraAndRobot:  # fmt: skip
     values, covariance = in_calibration_order(found)
-    of_robot = described_values(values[6:], np.sqrt(np.diag(covariance))[6:], robot)
+    of_robot = with_radius(described_values(values[6:], np.sqrt(np.diag(covariance))[6:], robot), radius)
     result = Calibration(of_robot, applied(of_robot, robot), found.pairs, found.left_out, found.slips)
     return CameraAndRobot(_lens_values(found, before, robot), camera, result, passes, lens_stays=False)
 
