@@ -42,7 +42,7 @@ def stamps(latest_ns):
 class StandingOdometry:
     """Makes every image a keyframe."""
 
-    def track(self, _image, stamp_ns, _exposure_ms, _prediction):
+    def track(self, _image, stamp_ns, _exposure_ms, _prediction, _right=None):
         keyframe = KeyframeEstimate(stamp_ns, stamp_ns, 0, NOWHERE, (0.0, 0.0), False)
         return OdometryStatus(
             stamp_ns, TrackingState.TRACKING, 0, NOWHERE, None, True, stamp_ns, NOWHERE, keyframes=(keyframe,)

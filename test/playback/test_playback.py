@@ -27,7 +27,7 @@ class FakeOdometry:
     def __init__(self):
         self.seen = []
 
-    def track(self, image, stamp_ns, exposure_ms, prediction=None):
+    def track(self, image, stamp_ns, exposure_ms, prediction=None, right=None):
         index = len(self.seen)
         self.seen.append((image, stamp_ns, exposure_ms))
         if index < 2:
@@ -62,7 +62,7 @@ def frames(count):
 class InterruptedOdometry(FakeOdometry):
     """Ctrl-C comes in the midst of frame 3."""
 
-    def track(self, image, stamp_ns, exposure_ms, prediction=None):
+    def track(self, image, stamp_ns, exposure_ms, prediction=None, right=None):
         if len(self.seen) == 3:
             signal.raise_signal(signal.SIGINT)
         return super().track(image, stamp_ns, exposure_ms)
@@ -112,7 +112,7 @@ class PredictedOdometry(FakeOdometry):
         super().__init__()
         self.predictions = []
 
-    def track(self, image, stamp_ns, exposure_ms, prediction=None):
+    def track(self, image, stamp_ns, exposure_ms, prediction=None, right=None):
         self.predictions.append(prediction)
         return super().track(image, stamp_ns, exposure_ms)
 

@@ -10,7 +10,7 @@ class FakeOdometry:
     def __init__(self):
         self.seen, self.resets = [], 0
 
-    def track(self, image, stamp_ns, exposure_ms, prediction):
+    def track(self, image, stamp_ns, exposure_ms, prediction, right=None):
         self.seen.append((image, stamp_ns, exposure_ms, prediction))
         keyframes = (KeyframeEstimate(0, stamp_ns, 0, np.eye(4), (0.0, 0.0), False),)
         return OdometryStatus(

@@ -164,7 +164,7 @@ class Standing:
     def expect(self, stamp_ns, prediction):
         return ExpectedMotion(0.0, 0.0, predicted=True)
 
-    def track(self, image, stamp_ns, exposure_ms, prediction):
+    def track(self, image, stamp_ns, exposure_ms, prediction, right=None):
         self.tracked_ns.append(stamp_ns)
         pose = {"T_world_camera": np.eye(4), "T_keyframe_camera": np.eye(4), "covariance": np.eye(6)}
         return OdometryStatus(stamp_ns, TrackingState.TRACKING, 0, keyframe_id=0, rmse=4.0, **pose)

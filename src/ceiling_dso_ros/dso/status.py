@@ -40,7 +40,8 @@ class KeyframeEstimate:
         affine: brightness parameters (a, b) of equation (4).
         leaves: True when it has been marginalised, so this estimate is its last.
         depth: median depth of the map's points as it saw them when it was made, VO units; nan where it saw too few.
-        log_scale: natural logarithm of metres per unit, by a second camera; nan without one, or where it does not tell.
+        log_scale: natural logarithm of metres per unit, by a second camera, for the pose as it is here; nan without
+            one, or where it does not tell.
         log_scale_sigma: standard deviation of it, by what is independent of the keyframes before.
         log_scale_common_sigma: the same, by what all keyframes have in common: errors of the cameras' geometry.
     """

@@ -104,6 +104,9 @@ class KeyframeBackend:
         new = self._chain.update(keyframes)
         self._leaving.refined(keyframes)
         for refined in self._chain.refinements():
+            stereo = StereoScale.of(refined.keyframe)
+            if stereo is not None:
+                self._graph.revise(refined.node, stereo=stereo)
             visual = self._on_floor(refined.T_before_node, refined.covariance)
             if visual is not None and refined.node not in self._refused:
                 self._graph.revise(refined.node, visual=visual)

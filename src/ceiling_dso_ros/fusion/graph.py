@@ -275,6 +275,7 @@ class WindowGraph:
             return
         interval = replace(self._intervals[end - oldest], **changes)
         self._intervals[end - oldest] = interval
+        self._prior = self._prior + first_metre(self._values, interval.stereo, self._config.wheels.radius_sigma)
         self._factors[end] = self._builder.factors(interval)
 
     def optimize(self) -> GraphEstimate:

@@ -42,12 +42,14 @@ class NodeLink(NamedTuple):
 class Refinement(NamedTuple):
     """A refined motion: that of the camera from the keyframe before to the one of a node, (4, 4), VO units.
 
-    Its covariance is that of the node's image: the refinement makes the motion better by an unknown amount.
+    Its covariance is that of the node's image: the refinement makes the motion better by an unknown amount. `keyframe`
+    is that of the node.
     """
 
     node: int
     T_before_node: np.ndarray
     covariance: Optional[np.ndarray]
+    keyframe: KeyframeEstimate
 
 
 class KeyframeChain:
@@ -88,7 +90,8 @@ class KeyframeChain:
             if after.node == before.node + 1 and after.segment == before.segment:
                 T = self._from(before, after.keyframe_id)
                 if T is not None:
-                    yield Refinement(after.node, T @ after.T_keyframe_node, after.covariance)
+                    keyframe = self._poses[after.keyframe_id]
+                    yield Refinement(after.node, T @ after.T_keyframe_node, after.covariance, keyframe)
 
     def motion_to(self, keyframe: KeyframeEstimate) -> Optional[np.ndarray]:
         """T_newest_keyframe (4, 4): motion of the camera from the newest node to a new keyframe; None if not seen."""

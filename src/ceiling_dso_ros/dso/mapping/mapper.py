@@ -121,7 +121,7 @@ class Mapper:
             window.depths[window.newest] = _median_depth(reference.levels[0].idepth)
         if self._scale is not None:
             with timer.stage("stereo"):
-                window.scales[window.newest] = self._scale.measure(window, frame)
+                self._scale.update(window, frame)
         estimates = window.estimates(self._segment, tuple(leaving))
         with timer.stage("marginalize"):
             marginalized = self._retire_points(leaving)

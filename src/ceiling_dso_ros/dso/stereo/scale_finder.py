@@ -52,8 +52,9 @@ class ScaleFinder:
         self._used = np.zeros(0, np.int64)  # names of points that have told what they know
 
     def measure(
-        self, left: np.ndarray, left_matrix: np.ndarray, right: np.ndarray, smooth: bool, points: SeenPoints
-    ) -> ScaleMeasurement:
+        self, left: np.ndarray, left_matrix: np.ndarray, right: np.ndarray, smooth: bool, points: SeenPoints,
+        known: Optional[float] = None,
+    ) -> ScaleMeasurement:  # fmt: skip
         """Metres per unit; NO_SCALE where the images do not tell it.
 
         Args:
@@ -62,6 +63,7 @@ class ScaleFinder:
             right: (height, width) float32 image of the second camera.
             smooth: the left image was smoothed against its noise, and so is the right one to be.
             points: those of the map that the keyframe sees.
+            known: metres per unit by the keyframe before; where a roof repeats itself, the place next to it is taken.
         """
         if smooth:
             raw, right = right, np.empty_like(right)
@@ -73,7 +75,7 @@ class ScaleFinder:
         points = SeenPoints(*(np.ascontiguousarray(array[chosen]) for array in points))
         if chosen.size < LEAST_POINTS:
             return NO_SCALE
-        about = self._search(left, warp, right, points)
+        about = self._search(left, warp, right, points) or known
         if about is None:
             return NO_SCALE
         found, reach, sigma = (np.zeros(chosen.size) for _ in range(3))
