@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.calibration import MEAN_RADIUS, calibrate, with_radius
-from ceiling_dso_ros.fusion.calibration_data import CameraPose
-from ceiling_dso_ros.fusion.calibration_radius import radius_error
+from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair
+from ceiling_dso_ros.fusion.calibration_radius import SLIP_SIGMA, radius_error
 from ceiling_dso_ros.fusion.config import RobotModel
 from ceiling_dso_ros.fusion.metric_scale import SegmentScale, segment_scales
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
@@ -90,9 +90,47 @@ def test_without_scales_nothing_is_said_of_the_radius():
     assert with_radius(plain.values, None) == plain.values
 
 
-def test_the_mean_over_segments_keeps_what_they_have_in_common():
-    stamps = np.array([0, 10**9])
-    scales = {k: SegmentScale(stamps, np.zeros(2), 0.003, 0.004) for k in (0, 1)}
-    found = radius_error((0, 1), np.array([-0.02, -0.01]), np.diag([0.004, 0.004]) ** 2, scales)
-    assert found.log_ratio == pytest.approx(0.015)
-    assert found.sigma == pytest.approx(np.hypot(0.004, 0.005 / np.sqrt(2)))
+def ways(rng, count=120, log_ratio=0.004, slip=0.012, turning=True):
+    """Pairs of images of a drive with turns, on which wheels slip."""
+    rates = rng.uniform(0.0, 0.9, count) if turning else np.zeros(count)
+    cameras = rng.uniform(0.3, 0.5, count)
+    wheels = np.exp(-log_ratio) * cameras * (1.0 + slip * rates) + 5e-4 * rng.normal(size=count)
+    pairs = [ImagePair(k * 10**9, k * 10**9 + 4 * 10**8, 0, np.eye(3), np.zeros(3)) for k in range(count)]
+    return pairs, np.column_stack([wheels, cameras]), 0.4 * rates * rng.choice([-1.0, 1.0], count)
+
+
+def scale_of_cameras(sigma=0.0, common=0.0):
+    return {0: SegmentScale(np.array([0, 10**9]), np.zeros(2), sigma, common)}
+
+
+@pytest.mark.parametrize("turning", [True, False])
+def test_slip_in_turns_is_no_error_of_the_radius(turning):
+    found = [
+        radius_error(*ways(np.random.default_rng(seed), turning=turning), scale_of_cameras()) for seed in range(200)
+    ]
+    errors = np.array([each.log_ratio for each in found]) - 0.004
+    sigmas = np.array([each.sigma for each in found])
+    assert np.mean((errors / sigmas) ** 2) == pytest.approx(1.0, abs=0.35)
+    assert abs(errors.mean()) < 1e-4
+
+
+def test_where_all_is_turning_the_slip_is_not_known():
+    pairs, forward, turns = ways(np.random.default_rng(0))
+    turns = np.full_like(turns, 0.4 * 0.8)
+    assert radius_error(pairs, forward, turns, scale_of_cameras()).sigma == pytest.approx(0.8 * SLIP_SIGMA, rel=0.05)
+
+
+def test_wrong_pairs_do_little_harm():
+    pairs, forward, turns = ways(np.random.default_rng(0))
+    before = radius_error(pairs, forward, turns, scale_of_cameras())
+    forward[::20, 0] *= 1.3
+    after = radius_error(pairs, forward, turns, scale_of_cameras())
+    assert abs(after.log_ratio - before.log_ratio) < 3.0 * before.sigma
+
+
+def test_errors_of_the_cameras_remain():
+    arguments = ways(np.random.default_rng(0))
+    exact = radius_error(*arguments, scale_of_cameras())
+    found = radius_error(*arguments, scale_of_cameras(0.003, 0.004))
+    assert found.log_ratio == exact.log_ratio
+    assert found.sigma == pytest.approx(np.sqrt(exact.sigma**2 + 0.003**2 + 0.004**2))

@@ -36,7 +36,7 @@ WAY_M = 5.0
 HEIGHTS_M = (3.0, 6.0)  # of the whole roof above the camera, at which the limits hold
 SCALE_PERCENT, RADIUS_PERCENT = 0.3, 0.2
 WRONG_BASELINE = 0.003
-OWN_BIAS_PX = 0.01
+OWN_BIAS_PX = 0.006
 NEES = (1.0 / 3.0, 3.0)
 EXACT = OdometryConfig(rig=RigConfig(baseline_sigma=0.0, disparity_sigma=OWN_BIAS_PX))
 

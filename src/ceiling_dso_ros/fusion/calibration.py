@@ -155,10 +155,12 @@ def _mean_radius(
     if len(pairs) < MIN_PAIRS:
         return None
     try:
-        solution, _, _ = _without_slips(wheels, pairs, robot)
+        solution, used, _ = _without_slips(wheels, pairs, robot)
     except CalibrationError:
         return None
-    found = radius_error(solution.segments, solution.log_scales, solution.scale_covariance, scales)
+    turns = wheels.motions(pairs, 0.0, 0.0, 0.0)[:, 2]
+    kept = [pair for pair, is_used in zip(pairs, used) if is_used]
+    found = radius_error(kept, solution.forward[used], turns[used], scales)
     nominal = mean_radius_m(robot)
     return CalibratedValue(
         MEAN_RADIUS, "m", nominal * math.exp(found.log_ratio), nominal * found.sigma, nominal,

@@ -77,9 +77,7 @@ class Solution:
         values: (8,) in the order of PRIOR_SIGMAS: rad, m, s and logarithms.
         covariance: (8, 8) of them.
         guess: the same with the scales, as `first_guess` gives it.
-        segments: (s,) numbers of the segments.
-        log_scales: (s,) logarithms of metres per unit in them.
-        scale_covariance: (s, s) of them.
+        forward: (n, 2) motion of the base along its arc in each pair: by the wheels in metres, by the camera in units.
         excess_m: (n, 3) for each pair, also for those that were not used: how much further than the camera says the
             left and the right wheel turned, and how much further to the left the robot moved by the wheels, metres.
     """
@@ -87,9 +85,7 @@ class Solution:
     values: np.ndarray
     covariance: np.ndarray
     guess: np.ndarray
-    segments: Tuple[int, ...]
-    log_scales: np.ndarray
-    scale_covariance: np.ndarray
+    forward: np.ndarray
     excess_m: np.ndarray
 
 
@@ -106,8 +102,8 @@ class MountingProblem:
         self._height_m = robot.T_base_camera[2, 3]
         self._rotations = np.array([pair.rotation for pair in pairs])
         self._translations = np.array([pair.translation for pair in pairs])
-        self._segments = tuple(sorted({pair.segment for pair in pairs}))
-        self._segment = np.array([self._segments.index(pair.segment) for pair in pairs])
+        segments = sorted({pair.segment for pair in pairs})
+        self._segment = np.array([segments.index(pair.segment) for pair in pairs])
         R_nominal = Rotation.from_matrix(robot.T_base_camera[:3, :3])
         self._nominal = (R_nominal, robot.T_base_camera[:2, 3], robot.camera_time_offset_s)
         self._sigmas = FIRST_SIGMAS
@@ -123,9 +119,7 @@ class MountingProblem:
             residuals = self._residuals(parameters)[used]
             scatter = 1.4826 * np.median(np.abs(residuals), axis=0)
             self._sigmas = np.maximum(scatter, 1e-6)
-        size = len(PRIOR_SIGMAS)
-        whole = np.linalg.inv(found.jac.T @ found.jac)
-        covariance = whole[:size, :size]
+        covariance = np.linalg.inv(found.jac.T @ found.jac)[: len(PRIOR_SIGMAS), : len(PRIOR_SIGMAS)]
         to_angles = np.eye(len(PRIOR_SIGMAS))
         angles = self._angles(parameters[:3])
         for axis, step in enumerate(1e-6 * np.eye(3)):
@@ -134,9 +128,7 @@ class MountingProblem:
             np.concatenate([angles, parameters[3:8]]),
             to_angles @ covariance @ to_angles.T,
             np.concatenate([(Rotation.from_rotvec(parameters[:3]) * self._R).as_rotvec(), parameters[3:]]),
-            self._segments,
-            parameters[size:],
-            whole[size:, size:],
+            self._forward(parameters),
             self._excess_m(parameters),
         )
 
@@ -171,13 +163,23 @@ class MountingProblem:
         yaw = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
         return yaw, turned[:, :2, 2], self._translations @ R.T
 
-    def _excess_m(self, parameters: np.ndarray) -> np.ndarray:
+    def _arcs(self, parameters: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """Motions of the base by wheels and camera, (n, 3) each: forward and left along an arc in metres, turn."""
         yaw, tilt, seen = self._seen(parameters)
         m_per_unit = np.exp(parameters[8:])[self._segment]
         moved = m_per_unit[:, None] * seen[:, :2] - _swing(yaw, parameters[3:5]) - self._height_m * tilt
         by_wheels = self._wheels.motions(self._pairs, *parameters[5:8])
-        arcs = [planar.logmap(w) - planar.logmap(c) for w, c in zip(by_wheels, np.column_stack([moved, yaw]))]
-        forward, left, turn = np.array(arcs).T
+        by_camera = np.column_stack([moved, yaw])
+        return np.array(list(map(planar.logmap, by_wheels))), np.array(list(map(planar.logmap, by_camera)))
+
+    def _forward(self, parameters: np.ndarray) -> np.ndarray:
+        by_wheels, by_camera = self._arcs(parameters)
+        units_per_m = np.exp(-parameters[8:])[self._segment]
+        return np.column_stack([by_wheels[:, 0], by_camera[:, 0] * units_per_m])
+
+    def _excess_m(self, parameters: np.ndarray) -> np.ndarray:
+        by_wheels, by_camera = self._arcs(parameters)
+        forward, left, turn = (by_wheels - by_camera).T
         half = 0.5 * self._wheel_base_m * math.exp(parameters[7]) * turn
         return np.column_stack([forward - half, forward + half, left])
 

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The mean wheel radius, from a drive whose scale a second camera has measured.
 
-In the metres of the cameras, the camera's path and that of the wheels by their nominal radius differ by one factor. It
-is what the calibration finds as metres per unit where the unit is a metre of the cameras. Its inverse is the factor by
-which the nominal radius is wrong, as far as the cameras' geometry is right.
+Between two images, wheels of the nominal radius say the way f, and the camera, in metres of the two cameras, the way g.
+In turns wheels slip: they turn further than the robot moves, the more the faster it turns. And there g depends on where
+the camera is in the base, which is known only as well as the same drive tells it. So
+
+    f = exp(-r) g (1 + k |turn rate|) + y turn,
+
+where r is the logarithm of the true radius relative to nominal, as far as the cameras' geometry is right, and neither k
+nor y are known. Where a drive has hardly any straight parts, or hardly any turns, their priors count.
 """
 
 import math
@@ -12,8 +17,15 @@ from typing import List, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
-from ceiling_dso_ros.fusion.calibration_data import CameraPose
+from ceiling_dso_ros.dso.durations import seconds
+from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair
 from ceiling_dso_ros.fusion.metric_scale import SegmentScale, metric_positions
+
+SLIP_SIGMA = 0.02  # of k in seconds: wheels that turn 2 % further at 1 rad/s slip much
+SIDE_SIGMA_M = 0.1  # of y: more than a calibration is ever wrong by
+ROUNDS = 20  # of weighting outliers less
+HUBER = 1.345
+MAD_TO_SIGMA = 1.4826
 
 
 class RadiusError(NamedTuple):
@@ -38,18 +50,38 @@ def metric_poses(poses: Sequence[CameraPose], scales: Mapping[int, SegmentScale]
 
 
 def radius_error(
-    segments: Sequence[int], log_scales: np.ndarray, covariance: np.ndarray, scales: Mapping[int, SegmentScale]
+    pairs: Sequence[ImagePair], forward: np.ndarray, turns: np.ndarray, scales: Mapping[int, SegmentScale]
 ) -> RadiusError:
-    """The mean over the segments, by their variances; the error that they have in common remains.
+    """By robust least squares over pairs of images.
 
     Args:
-        segments: (n,) of the calibration.
-        log_scales: (n,) of metres by the wheels per metre of the cameras.
-        covariance: (n, n) of them, by wheels and motion of the camera.
-        scales: of these segments, by the second camera.
+        pairs: (n,) of images.
+        forward: (n, 2) f and g of each, metres.
+        turns: (n,) rad.
+        scales: of the pairs' segments, by the second camera.
     """
-    of_cameras = np.array([scales[segment].sigma for segment in segments])
-    information = 1.0 / (np.diag(covariance) + of_cameras**2)
-    mean = float(information @ log_scales / information.sum())
-    common = max(scales[segment].common_sigma for segment in segments)
-    return RadiusError(-mean, math.hypot(common, 1.0 / math.sqrt(information.sum())))
+    by_wheels, by_cameras = forward.T
+    rates = np.abs(turns) / seconds(np.array([pair.end_ns - pair.start_ns for pair in pairs], np.int64))
+    columns = np.column_stack([by_cameras, by_cameras * rates, turns])
+    prior = np.array([0.0, SLIP_SIGMA**-2.0, SIDE_SIGMA_M**-2.0])
+    weights = np.ones(len(pairs))
+    for _ in range(ROUNDS):
+        scatter = _scatter(columns, weights, by_wheels)
+        information = (columns * weights[:, None]).T @ columns / scatter**2 + np.diag(prior)
+        found = np.linalg.solve(information, columns.T @ (weights * by_wheels) / scatter**2)
+        sizes = np.abs(by_wheels - columns @ found) / scatter
+        weights = HUBER / np.maximum(sizes, HUBER)
+    gain = float(found[0])
+    of_wheels = math.sqrt(np.linalg.inv(information)[0, 0]) / gain
+    segments = [pair.segment for pair in pairs]
+    shares = {segment: segments.count(segment) / len(pairs) for segment in set(segments)}
+    of_cameras = math.sqrt(sum((share * scales[segment].sigma) ** 2 for segment, share in shares.items()))
+    common = max(scales[segment].common_sigma for segment in shares)
+    return RadiusError(-math.log(gain), math.sqrt(of_wheels**2 + of_cameras**2 + common**2))
+
+
+def _scatter(columns: np.ndarray, weights: np.ndarray, by_wheels: np.ndarray) -> float:
+    """Standard deviation of the residuals of the best fit, metres."""
+    root = np.sqrt(weights)
+    fit, *_ = np.linalg.lstsq(columns * root[:, None], by_wheels * root, rcond=None)
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(by_wheels - columns @ fit))), 1e-6)
