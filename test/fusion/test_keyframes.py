@@ -28,7 +28,7 @@ def test_motions_are_those_of_the_last_status_that_holds_both():
     chain = KeyframeChain()
     linked(chain, [keyframe(0, 0.0), keyframe(1, 1.0)])
     chain.update([keyframe(0, 5.0), keyframe(1, 6.1)])
-    ((node, T, _),) = chain.refinements()
+    ((node, T, _, _),) = chain.refinements()
     assert node == 2
     np.testing.assert_allclose(T[0, 3], 1.1)
     chain.update([keyframe(1, 7.0)])
@@ -67,7 +67,7 @@ def test_a_window_that_comes_late_is_ignored():
     chain = KeyframeChain()
     linked(chain, [keyframe(0, 0.0), keyframe(1, 1.0), keyframe(2, 2.0)])
     assert chain.update([keyframe(0, 9.0), keyframe(1, 9.0)]) == []
-    np.testing.assert_allclose([T[0, 3] for _, T, _ in chain.refinements()], [1.0, 1.0])
+    np.testing.assert_allclose([T[0, 3] for _, T, _, _ in chain.refinements()], [1.0, 1.0])
 
 
 def test_an_odometry_that_was_reset_counts_anew():
@@ -88,7 +88,7 @@ def test_a_node_that_is_an_image_moves_with_its_keyframe():
     np.testing.assert_allclose(chain.motion_to(new)[0, 3], 0.75)
     np.testing.assert_allclose(chain.from_newest(0, T)[0, 3], 0.0)
     chain.link(2, new)
-    ((node, T, _),) = chain.refinements()
+    ((node, T, _, _),) = chain.refinements()
     assert (node, T[0, 3]) == (2, 0.75)
 
 
