@@ -20,7 +20,15 @@ def points(
     measured = truth + image_sigma / FB * rng.normal(size=count)
     wrong = rng.random(count) < outliers
     measured[wrong] += rng.uniform(-2.0, 2.0, wrong.sum()) / FB
-    return PointScales(mapped, measured, np.full(count, FB), np.full(count, image_sigma), cell, rng.random(count) < new)
+    return PointScales(
+        mapped,
+        measured,
+        np.full(count, FB),
+        np.full(count, image_sigma),
+        cell,
+        rng.random(count) < new,
+        np.arange(count),
+    )
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.5])

@@ -22,8 +22,8 @@ def pair(plane, rig, rng, noise=2.0):
     return [image + rng.normal(0.0, noise, image.shape).astype(np.float32) for image in images]
 
 
-def measure(finder, left, right, points, smooth=False):
-    return finder.measure(left, CAMERA.matrix, right, smooth, points)
+def measure(finder, left, right, points, smooth=False, known=None):
+    return finder.measure(left, CAMERA.matrix, right, smooth, points, known)
 
 
 @pytest.mark.parametrize("depth_m", [1.5, 4.0, 9.0])
@@ -81,8 +81,33 @@ def test_a_ceiling_that_repeats_itself_or_another_view_or_none_tells_nothing():
     _, other = pair(Plane((0.0, 0.0, 0.2), seed=9), rig, rng)
     assert measure(ScaleFinder(rig, EXACT), left, other, points) is NO_SCALE
     assert measure(ScaleFinder(rig, EXACT), left, np.zeros_like(left), points) is NO_SCALE
+    assert measure(ScaleFinder(rig, EXACT), left, other, points, known=4.0) is NO_SCALE
     few = SeenPoints(*(array[:10] for array in points))
     assert measure(ScaleFinder(rig, EXACT), left, other, few) is NO_SCALE
+
+
+def test_where_a_roof_repeats_itself_the_known_scale_tells_which_place_is_meant():
+    rig, rng = side_by_side(), np.random.default_rng(3)
+    plane = Plane((0.0, 0.0, 12.0 / (CAMERA.fx * 0.095)))  # 12 pixels: one and a half periods
+    x = np.arange(CAMERA.width)
+    row = 120.0 + 40.0 * np.sin(2 * np.pi * x / 8.0)
+    shifted = 120.0 + 40.0 * np.sin(2 * np.pi * (x + 12.0) / 8.0)
+    left, right = (np.tile(each, (CAMERA.height, 1)).astype(np.float32) for each in (row, shifted))
+    points = seen_points(plane, 4.0, rng, sigma=0.01)
+    assert measure(ScaleFinder(rig, EXACT), left, right, points) is NO_SCALE
+    for wrong in (0.9, 1.0, 1.1):
+        found = measure(ScaleFinder(rig, EXACT), left, right, points, known=wrong * 4.0)
+        assert found.log_scale == pytest.approx(np.log(4.0), abs=0.003)
+
+
+def test_a_known_scale_that_is_wrong_is_found_to_be_so():
+    rig, rng, plane = side_by_side(), np.random.default_rng(3), Plane((0.0, 0.0, 0.2))
+    left, right = pair(plane, rig, rng)
+    points = seen_points(plane, 4.0, rng)
+    expected = measure(ScaleFinder(rig, EXACT), left, right, points)
+    for known in (1.0, 3.0, 6.0, 8.0):
+        found = measure(ScaleFinder(rig, EXACT), left, right, points, known=known)
+        assert found.log_scale == pytest.approx(expected.log_scale, abs=0.1 * expected.sigma)
 
 
 @pytest.mark.parametrize("T", [np.eye(4), np.full((4, 4), np.nan), np.diag([1.0, 1.0, 2.0, 1.0]), np.eye(3)])

@@ -50,6 +50,7 @@ class PointScales(NamedTuple):
         sigma: (n,) float64 pixels, of the place in the image.
         cell: (n,) int64 number of the part of the image in which the point is.
         is_new: (n,) bool, not used for a keyframe before.
+        name: (n,) int64 identity of each.
     """
 
     mapped: np.ndarray
@@ -58,6 +59,7 @@ class PointScales(NamedTuple):
     sigma: np.ndarray
     cell: np.ndarray
     is_new: np.ndarray
+    name: np.ndarray
 
 
 def cells(u: np.ndarray, v: np.ndarray, width: int, height: int) -> np.ndarray:
