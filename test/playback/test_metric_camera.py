@@ -34,9 +34,7 @@ def status(index, segment=0, unit_m=UNIT_M):
     if unit_m is not None:
         told = {"log_scale": np.log(unit_m), "log_scale_sigma": 0.002, "log_scale_common_sigma": 0.001}
     keyframe = KeyframeEstimate(index, index * 10**9, segment, T, (0.0, 0.0), False, **told)
-    return OdometryStatus(
-        index * 10**9, TrackingState.TRACKING, segment, T, None, True, index, np.eye(4), (keyframe,)
-    )
+    return OdometryStatus(index * 10**9, TrackingState.TRACKING, segment, T, None, True, index, np.eye(4), (keyframe,))
 
 
 def recorded(*statuses):
