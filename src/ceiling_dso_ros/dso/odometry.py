@@ -103,7 +103,7 @@ class DirectOdometry:
         with timer.stage("pyramid"):
             frame = self._new_frame(image, stamp_ns, exposure_ms, prediction, right)
         try:
-            segment.take_in_map(timer)
+            segment.catch_up(timer)
             if segment.map is None:
                 with timer.stage("initialize"):
                     return self._initialize(frame, prediction, timer)

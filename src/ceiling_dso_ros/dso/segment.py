@@ -38,6 +38,7 @@ class Segment:
         trigger: decides which frames become keyframes.
         history: the last frames with a pose.
         smooth: its images are smoothed against noise; None before one has shown its noise, which decides.
+        ahead_of_map: the last frame should have become a keyframe, but the one before is still being processed.
     """
 
     number: int
@@ -48,6 +49,7 @@ class Segment:
     trigger: KeyframeTrigger
     history: TrackHistory = field(default_factory=TrackHistory)
     smooth: Optional[bool] = None
+    ahead_of_map: bool = False
 
     @property
     def map(self) -> Optional[MapSnapshot]:
@@ -71,6 +73,18 @@ class Segment:
         self.history.begin(self.first_keyframe_id)
         return first_map
 
+    def catch_up(self, timer: StageTimer) -> None:
+        """Use the map as it is before the next frame; the mapping comes first if the tracking has run ahead of it.
+
+        Otherwise images that come all at once would be tracked against a keyframe that is out of their view.
+
+        Raises:
+            TrackingLostError: the map has no solution any more.
+        """
+        if self.ahead_of_map:
+            self.mapping.wait()
+        self.take_in_map(timer)
+
     def take_in_map(self, timer: StageTimer) -> None:
         """Use the finished results of the mapping.
 
@@ -82,7 +96,9 @@ class Segment:
 
     def needs_keyframe(self, frame: Frame, tracked: TrackedFrame, reference: TrackingReference) -> bool:
         """Whether a tracked frame becomes a keyframe; never while another keyframe is being processed."""
-        return not self.mapping.keyframe_pending and self.trigger.fires(tracked, frame.exposure, reference)
+        due = self.trigger.fires(tracked, frame.exposure, reference)
+        self.ahead_of_map = due and self.mapping.keyframe_pending
+        return due and not self.mapping.keyframe_pending
 
     def status_with_pose(
         self, frame: Frame, current: MapSnapshot, tracked: Optional[TrackedFrame], is_keyframe: bool, timer: StageTimer

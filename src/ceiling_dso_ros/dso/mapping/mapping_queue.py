@@ -75,6 +75,10 @@ class MappingQueue:
         else:
             self._pool.release(frame.image_slot)
 
+    def wait(self) -> None:
+        """Return when the mapping has done all that it was handed."""
+        self._scheduler.wait()
+
     def take_in(self, timer: StageTimer) -> bool:
         """Use the finished results of the mapping; returns whether there is a new map.
 
