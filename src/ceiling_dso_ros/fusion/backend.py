@@ -203,7 +203,7 @@ class KeyframeBackend:
         if first is None or second is None:
             return None
         visual = self._on_floor(se3.inverse(first) @ second, after.relative_covariance)
-        start = VisualMotion.from_camera(np.eye(4), self._T_base_camera, before.relative_covariance)
+        start = self._on_floor(np.eye(4), before.relative_covariance)
         return None if visual is None else visual.with_start(start)
 
     def wheels_contradict(self, wheels: WheelMotion, visual: VisualMotion) -> bool:
@@ -273,9 +273,8 @@ class KeyframeBackend:
         if interval.visual is None or self.estimate is None:
             return interval
         scale = math.exp(self.estimate.log_scale)
-        before = self._graph.intervals[-1].visual if self._graph.intervals else None
-        visual = interval.visual if before is None else interval.visual.with_start(before)
-        found = self.monitor.compare(interval.wheels, visual, scale, self.estimate.scale_sigma)
+        seen = interval.visual.with_start(self._graph.intervals[-1].visual if self._graph.intervals else None)
+        found = self.monitor.compare(interval.wheels, seen, scale, self.estimate.scale_sigma)
         known = self.scale_known and interval.continues
         if self.scale_was_known and not known and self.monitor.beyond_gate(found, scale_known=False):
             self._refused.append(interval.end)

@@ -62,15 +62,17 @@ class VisualMotion:
             further.covariance,
         )
 
-    def with_start(self, before: "VisualMotion") -> "VisualMotion":
+    def with_start(self, before: "Optional[VisualMotion]") -> "VisualMotion":
         """This motion with the errors of both of its images, as it is wrong on its own.
 
         In a chain of motions the error of an image between two of them is in both and falls out, so that each of them
         has that of its end alone.
 
         Args:
-            before: ends where this one begins.
+            before: ends where this one begins; None where there is none, and the error of its end is not known.
         """
+        if before is None:
+            return self
         by_start = np.eye(3)
         by_start[:2, :2] = planar.rotation(-before.yaw)
         by_start[:2, 2] = -self.shift[1], self.shift[0]
