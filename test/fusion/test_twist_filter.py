@@ -51,6 +51,18 @@ def test_a_late_image_is_compared_with_the_twist_of_its_own_time():
     np.testing.assert_allclose(twist.twist, before, atol=0.003)
 
 
+@pytest.mark.parametrize("lost", [False, True])
+def test_over_a_gap_in_the_samples_the_distance_of_the_wheels_is_believed(lost):
+    """Their clock may have been set ahead: then they have hardly turned. Or samples are lost: then they have."""
+    twist = TwistFilter(OutputConfig(), NOISE)
+    end_ns = add_steps(twist, [(1.1, 0.7)] * 50)
+    after_ns = end_ns + nanoseconds(0.32)
+    moved_s = 0.32 if lost else 0.02
+    twist.advance(after_ns)
+    assert twist.add_step(WheelStep(end_ns, after_ns, moved_s * np.array([1.1, 0.0, 0.7])))
+    np.testing.assert_allclose(twist.twist, [1.1, 0.7], atol=0.1)
+
+
 def test_no_robot_jumps_to_another_speed_within_a_step():
     twist = TwistFilter(OutputConfig(), NOISE)
     add_steps(twist, [(0.8, 0.0)] * 50)

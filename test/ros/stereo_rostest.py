@@ -23,7 +23,7 @@ class Stereo(unittest.TestCase):
         told, scales = {}, []
 
         def hear(message):
-            told.update({k.id: k for k in message.keyframes if math.isfinite(k.log_scale)})
+            told.update({k.id: k for k in message.keyframes if k.log_scale_sigma > 0.0})
 
         rospy.Subscriber("visual_odometry/keyframes", Keyframes, hear, queue_size=100)
         rospy.Subscriber("fusion/scale", FusionScale, scales.append, queue_size=100)

@@ -18,6 +18,7 @@ ONSET = 2.0  # ramps begin at once: with so much more acceleration in the model,
 GATE_SIGMAS = 4.5  # passed by all but one in a hundred thousand
 STANDS_S = 0.1  # wheels that have not turned for so long: the robot stands, and does not accelerate either
 HISTORY_NS = nanoseconds(1.0)  # so late a slip may be noticed
+GAP = 3.0  # a step so much longer than the one before: samples are missing, or the wheels' clock was set ahead
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class TwistFilter:
         self._now_ns: Optional[int] = None
         self._moved_ns: Optional[int] = None  # the wheels have not turned since
         self._step_ns, self._step_sigmas = LONG_AGO_NS, np.zeros(2)
+        self._duration_s = np.inf  # of the last step
         self._history: Deque[_Entry] = deque()
 
     def configure(self, config: OutputConfig) -> None:
@@ -107,11 +109,13 @@ class TwistFilter:
     def add_step(self, step: WheelStep) -> bool:
         """Take in the wheels' step that ends now, unless the robot cannot have changed its speed so fast.
 
-        Then a wheel slips. A change that lasts is believed as soon as there was time enough for it.
+        Then a wheel slips. A change that lasts is believed as soon as there was time enough for it. Over a gap in the
+        samples the distance is believed in any case, the mean speed is not if the clock was set ahead.
 
         Returns:
-            Whether it was possible.
+            Whether its distance is possible.
         """
+        is_gap, self._duration_s = step.duration_s > GAP * self._duration_s, step.duration_s
         if self._moved_ns is None or step.twist.any():
             self._moved_ns = step.start_ns
         still_s = seconds(step.end_ns - self._moved_ns)
@@ -122,7 +126,7 @@ class TwistFilter:
         if still_s > STANDS_S + step.duration_s:
             self._filter.x = np.zeros((4, 1))
             self._filter.P = np.kron(np.diag([1.0, still_s**-2]), covariance)
-        return possible
+        return possible or is_gap
 
     def add_rate(self, start_ns: int, end_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
         """Take in (2,) mean forward speed and yaw rate over a time that the camera saw, with (2, 2) covariance."""

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
-from typing import Sequence, Union
+import math
+from typing import Dict, Sequence, Union
 
 import numpy as np
 from genpy import Time
@@ -181,7 +182,12 @@ def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
         affine_b=affine_b,
         leaves=keyframe.leaves,
         depth=keyframe.depth,
-        log_scale=keyframe.log_scale,
-        log_scale_sigma=keyframe.log_scale_sigma,
-        log_scale_common_sigma=keyframe.log_scale_common_sigma,
+        **_log_scale(keyframe),
     )
+
+
+def _log_scale(keyframe: KeyframeEstimate) -> Dict[str, float]:
+    """Fields of Keyframe: what is not known is zero, as all that is published is finite."""
+    values = keyframe.log_scale, keyframe.log_scale_sigma, keyframe.log_scale_common_sigma
+    told = values if all(map(math.isfinite, values)) else (0.0, 0.0, 0.0)
+    return dict(zip(("log_scale", "log_scale_sigma", "log_scale_common_sigma"), told))

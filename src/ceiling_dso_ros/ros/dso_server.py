@@ -44,7 +44,7 @@ from ceiling_dso_ros.ros.services import offer_trigger
 from ceiling_dso_ros.ros.trajectory_keeper import TrajectoryKeeper
 from ceiling_dso_ros.ros.view_publisher import ViewPublisher
 
-QUEUE_SIZE = 50  # every image reaches the mailbox, which keeps the newest and counts the others
+QUEUE_SIZE = 50  # every image reaches the mailbox, which leaves some out where the odometry does not keep up
 BUFFER_BYTES = 2**24  # several images; with rospy's default of 64 kB, old images would wait in the socket
 CALIBRATION_TIMEOUT_S = 0.3  # the first image and its camera_info come over different connections
 WARNING_PERIOD_S = 5.0

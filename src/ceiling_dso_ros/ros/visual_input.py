@@ -105,7 +105,7 @@ def _keyframe(message: Keyframe, inner_ns: int) -> KeyframeEstimate:
         affine=(message.affine_a, message.affine_b),
         leaves=message.leaves,
         depth=message.depth if 0.0 < message.depth < math.inf else math.nan,
-        log_scale=message.log_scale,
+        log_scale=message.log_scale if message.log_scale_sigma > 0.0 else math.nan,
         log_scale_sigma=message.log_scale_sigma,
         log_scale_common_sigma=message.log_scale_common_sigma,
     )

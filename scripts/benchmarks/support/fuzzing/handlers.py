@@ -168,7 +168,7 @@ class _Camera(Node):
     def process(self, image: Message) -> None:
         """Receive an image, and work on it as the node's main loop does."""
         self.world.callbacks[self.server._image_topic](image)
-        if self.server._mailbox._message is not None:  # refused images do not reach it, and the node would wait
+        if self.server._mailbox._messages:  # refused images do not reach it, and the node would wait
             self.server._process_safely(self.server._mailbox.take())
 
     @property
