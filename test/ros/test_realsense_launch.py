@@ -76,6 +76,8 @@ def test_the_topics_of_intels_driver():
         "camera_info": "camera/infra1/camera_info",
         "exposure": "camera/up/exposure",
         "metadata": "camera/infra1/metadata",
+        "right/image": "camera/infra2/image_rect_raw",
+        "right/camera_info": "camera/infra2/camera_info",
     }
     assert topics(load("ceiling_odometry", "camera:=realsense"))["image"] == "camera/up/image_raw"
     given = load("ceiling_odometry", "camera:=realsense_ros", "image:=up_camera/infra2/image_rect_raw")
