@@ -143,6 +143,33 @@ def test_of_a_drive_with_a_gap_the_longer_part_is_smoothed(spool, gap, kept):
     assert kept_motions(spool.path)["end"].tolist() == [*kept]
 
 
+def no_walk(damaged):
+    damaged["walk_sigma"][:] = 1e-300
+
+
+def no_sigma_of_the_guess(damaged):
+    damaged["log_scale"][:, 1] = 0.0
+
+
+def no_sigma_of_a_second_camera(damaged):
+    damaged["has_stereo"], damaged["stereo"] = True, (1.0, 1e-300, 0.003)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("damage", [no_walk, no_sigma_of_the_guess, no_sigma_of_a_second_camera])
+def test_a_scale_of_infinite_information_is_damaged(spool, tmp_path, damage):
+    measured = motions(20)
+    damage(measured[15:])
+    spool.add_motions([*measured])
+    spool.flush()
+    assert kept_motions(spool.path)["end"].tolist() == [*range(1, 16)]
+    with spool.at_rest(), spool.beside(spool.newest(motions(0), NOWHERE)):
+        written = write_all(spool.path, tmp_path)
+    assert written.poses["fused_smoothed.tum"] == 15
+    (error,) = written.errors
+    assert "5 of its 20 records are damaged" in error
+
+
 def test_the_settings_of_the_run_are_those_of_its_smoothing(tmp_path):
     """With another ratio of the wheels, which only an estimate of it can follow."""
     config = FusionConfig(graph=GraphConfig(estimate_wheels=True))

@@ -25,6 +25,7 @@ SETTINGS = "fusion.yaml"
 MOTIONS, NEWEST_MOTIONS, ORIGIN = "motions.bin", "motions.newest.bin", "origin.tum"
 # An hour of wheels at 50 Hz and of five keyframes a second takes 20, 20 and 6 MB.
 SHARES = {"wheel.tum": 0.43, "fused.tum": 0.43, MOTIONS: 0.14}
+LEAST_SIGMA = 1e-9  # of the logarithm of a scale: a smaller one is damaged, and its information no number
 MOST_OUTPUTS = 100_000  # that wait for a disk that does not answer, half an hour
 
 
@@ -137,5 +138,7 @@ def _are_motions(records: np.ndarray) -> np.ndarray:
     for name in ("is_seen", "continues", "has_stereo"):
         is_bool &= records[name].view(np.uint8) <= 1
     by_camera = ~records["is_seen"] | are_numbers(records, *seen)
-    by_both = ~records["has_stereo"] | are_numbers(records, "stereo") & (records["stereo"][:, 1] > 0.0)
-    return is_bool & are_numbers(records, *always) & by_camera & by_both
+    by_both = ~records["has_stereo"] | are_numbers(records, "stereo") & (records["stereo"][:, 1] > LEAST_SIGMA)
+    of_scale = ~records["continues"] | (records["walk_sigma"] > LEAST_SIGMA)
+    of_scale &= records["log_scale"][:, 1] > LEAST_SIGMA
+    return is_bool & are_numbers(records, *always) & by_camera & by_both & of_scale
