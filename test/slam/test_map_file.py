@@ -2,6 +2,7 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -116,6 +117,7 @@ def test_another_version_or_kind_is_named(site, tmp_path, change, reason):
         ("pose.npy", lambda data: data.replace(b"'shape': (3, 3)", b"'shape': (-3,-3)")),
         (HEAD, lambda data: data.replace(b"212", b"1e999", 1)),
         (HEAD, lambda data: b"[" * 100_000),
+        (HEAD, lambda data: re.sub(rb'("T_base_camera": \[\[)[-+.0-9e]+', rb"\1NaN", data)),
     ],
 )
 def test_contents_that_make_no_sense_are_refused_in_one_line(site, tmp_path, name, change):

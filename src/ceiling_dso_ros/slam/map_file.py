@@ -179,6 +179,8 @@ def _read(archive: zipfile.ZipFile) -> SiteMap:
         PinholeCamera(float(fx), float(fy), float(cx), float(cy), int(width), int(height)),
         np.array(head["T_base_camera"], np.float64).reshape(4, 4),
     )
+    if not (np.isfinite(camera.T_base_camera).all() and np.isfinite(camera.camera.parameters).all()):
+        raise ValueError("the camera has numbers that are not finite")
     _check(arrays, {"H": camera.camera.height, "W": camera.camera.width})
     return SiteMap(camera, tuple(_keyframes(arrays)), tuple(_edges(arrays)))
 
