@@ -56,6 +56,19 @@ def test_tracking_goes_on_while_the_mapping_is_behind(images, frames_behind):
     scheduler.close()
 
 
+def test_images_that_come_all_at_once_wait_for_the_map(images):
+    """The mapping does nothing until it is waited for: so no keyframe comes by itself while the images pour in."""
+    scheduler = HeldScheduler(10**6)
+    odometry = DirectOdometry(CAMERA, CONFIG, scheduler)
+    statuses = run(odometry, images)
+    found = tracking(statuses)
+    assert all(found[found.index(True) :])
+    assert sum(status.is_keyframe for status in statuses) > 5
+    assert ate(statuses, [pose(k) for k in range(FRAMES)]) < 0.01
+    odometry.reset()
+    scheduler.close()
+
+
 def test_the_last_window_of_a_lost_segment_is_told_though_the_mapping_was_behind(images):
     scheduler = HeldScheduler(3)
     odometry = DirectOdometry(CAMERA, CONFIG, scheduler)

@@ -15,7 +15,7 @@ from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from ceiling_dso_ros.io.errors import FrameError  # noqa: E402
 from ceiling_dso_ros.ros.conversions import ros_time  # noqa: E402
-from ceiling_dso_ros.ros.right_input import KEPT, RightInput  # noqa: E402
+from ceiling_dso_ros.ros.right_input import KEPT_NS, RightInput  # noqa: E402
 
 WIDTH, HEIGHT, BEGIN_NS, PERIOD_NS = 96, 80, 1_700_000_001_030_042_017, 33_333_333
 TOPIC = "/right/image"
@@ -116,9 +116,12 @@ def test_an_image_may_come_after_it_was_asked_for(cameras):
 
 
 def test_old_images_are_forgotten(cameras):
+    """Not those of the last second, since images of the first camera may wait, too."""
     cameras.calibrate(0.095)
-    for index in range(KEPT + 5):
+    kept = KEPT_NS // PERIOD_NS
+    for index in range(kept + 5):
         cameras.see(index)
     cameras.camera()
+    assert cameras.right.later(BEGIN_NS + 6 * PERIOD_NS)() is not None
     with pytest.raises(FrameError):
         cameras.right.later(BEGIN_NS)()

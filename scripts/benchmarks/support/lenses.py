@@ -19,6 +19,7 @@ from ceiling_dso_ros.fusion.calibration import CalibratedValue, CalibrationError
 from ceiling_dso_ros.fusion.config import WheelConfig
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.io.camera_models import CameraCalibration
+from ceiling_dso_ros.io.lens_models import LensCamera
 from ceiling_dso_ros.io.output_camera import crop_camera
 from ceiling_dso_ros.io.recording import Frame, Recording, RobotDescription
 from ceiling_dso_ros.io.recording_view import RecordingView
@@ -28,7 +29,7 @@ from ceiling_dso_ros.lens.parameters import correctable, vector_of
 from ceiling_dso_ros.playback.fusion_playback import robot_model
 from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.playback.wheel_playback import wheel_steps
-from ceiling_dso_ros.simulation.drawn import draw_camera, draw_config, draw_lens_error
+from ceiling_dso_ros.simulation.drawn import draw_config, draw_lens_error
 
 DRIVES, DURATION_S, SLIP = 20, 60.0, "slip"
 SIGMAS, LEAST_SHARE = 3.0, 0.95
@@ -89,15 +90,13 @@ def lenses(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 
 def _true(drive: RenderedDrive) -> Known:
     simulation = drive.simulated.simulation
-    lens = simulation.config.camera.lens
-    return Known(CameraCalibration(lens, crop_camera(lens, lens.width, lens.height)), simulation.robot.true)
+    return Known(_calibration(simulation.config.camera.lens), simulation.robot.true)
 
 
 def _wrong(drive: RenderedDrive, seed: int) -> Known:
     """The nominal robot, with a mount and a lens that are wrong."""
     config = drive.simulated.simulation.config
-    error = draw_lens_error(seed, config.camera.width)
-    lens = draw_camera(seed, lens_error=error).told_lens
+    lens = replace(config.camera, lens_error=draw_lens_error(seed, config.camera.width)).told_lens
     rng = np.random.default_rng(seed)
     nominal = drive.simulated.robot
     T = nominal.T_base_camera.copy()
@@ -105,8 +104,11 @@ def _wrong(drive: RenderedDrive, seed: int) -> Known:
         Rotation.from_euler("XYZ", rng.uniform(-MISMOUNTED_DEG, MISMOUNTED_DEG, 3), True).as_matrix() @ T[:3, :3]
     )
     T[:2, 3] += rng.uniform(-MISPLACED_M, MISPLACED_M, 2)
-    camera = CameraCalibration(lens, crop_camera(lens, lens.width, lens.height))
-    return Known(camera, replace(nominal, T_base_camera=T))
+    return Known(_calibration(lens), replace(nominal, T_base_camera=T))
+
+
+def _calibration(lens: LensCamera) -> CameraCalibration:
+    return CameraCalibration(lens, crop_camera(lens, lens.width, lens.height))
 
 
 def _calibrated(recording: KnownRecording) -> CameraAndRobot:

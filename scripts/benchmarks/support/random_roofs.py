@@ -10,7 +10,6 @@ from support.table import Row
 from ceiling_dso_ros.evaluation.alignment import AlignmentKind
 from ceiling_dso_ros.experiments.fused_run import FusedRun
 from ceiling_dso_ros.experiments.kept_runs import OdometryRun
-from ceiling_dso_ros.experiments.rendered_drives import RenderedDrive
 from ceiling_dso_ros.experiments.tracked_drives import TrackedDrives
 from ceiling_dso_ros.experiments.tracked_run import TrackedRun
 from ceiling_dso_ros.simulation.config import SimulationConfig
@@ -19,6 +18,7 @@ from ceiling_dso_ros.simulation.drawn import draw_config
 JUDGING = 100  # first seed
 DRIVES = ("loops", "eights", "aisles")
 DURATION_S = 60.0
+WITH_WHEELS = " with wheels"  # names runs with their prediction
 WRONG_S = 0.5  # longest time for which a wrong pose may be called good
 MEDIAN_WAY_M, MOST_WAY_M = 0.25, 0.6  # driven until the first pose, in the median and in 95 % of the halls
 MEDIAN_PERCENT, MOST_PERCENT = 0.02, 0.06  # of the path
@@ -32,7 +32,6 @@ class JudgedDrive:
     """A drive with the results of the odometry and of the fusion."""
 
     seed: int
-    drive: RenderedDrive
     camera: TrackedRun
     fused: FusedRun
 
@@ -47,18 +46,18 @@ def judged_config(seed: int) -> SimulationConfig:
     return draw_config(DRIVES[seed % len(DRIVES)], seed, duration_s=DURATION_S)
 
 
-def judged(tracked: TrackedDrives, seed: int, run: OdometryRun, variant: str) -> JudgedDrive:
+def judged(tracked: TrackedDrives, seed: int) -> JudgedDrive:
     """Render, track and fuse; what exists already is used."""
     config = judged_config(seed)
-    camera = tracked.drive(config, run, variant)
+    camera = tracked.drive(config, OdometryRun(predict=True), WITH_WHEELS)
     drive = tracked.rendered.drive(config)
     fused = FusedRun(drive.recording, camera.statuses, drive.simulated.camera_truth, drive.simulated.base_truth)
-    return JudgedDrive(seed, drive, camera, fused)
+    return JudgedDrive(seed, camera, fused)
 
 
 def roofs(tracked: TrackedDrives, count: int) -> Iterator[Row]:
     """One drive in each hall."""
-    drives = [judged(tracked, seed, OdometryRun(predict=True), " with wheels") for seed in _seeds(count)]
+    drives = [judged(tracked, seed) for seed in _seeds(count)]
     runs = [drive.camera for drive in drives]
     subject = f"random halls {JUDGING} to {JUDGING + count - 1}"
     yield Row(subject, "longest time beyond 5 sigma, s", [run.longest_wrong_s() for run in runs], WRONG_S)
@@ -84,10 +83,11 @@ def roofs(tracked: TrackedDrives, count: int) -> Iterator[Row]:
 def low_rates(tracked: TrackedDrives, count: int) -> Iterator[Row]:
     """The first of these halls with images left out."""
     seeds = _seeds(min(count, LOW_RATE_HALLS))
-    full = [judged(tracked, seed, OdometryRun(predict=True), " with wheels").camera.final_ate_m for seed in seeds]
+    drives = [judged_config(seed) for seed in seeds]
+    full = [tracked.drive(drive, OdometryRun(predict=True), WITH_WHEELS).final_ate_m for drive in drives]
     for hz in LOW_RATES:
         run = OdometryRun(predict=True, every=30 // hz)
-        runs = [judged(tracked, seed, run, f" {hz} Hz with wheels").camera for seed in seeds]
+        runs = [tracked.drive(drive, run, f" {hz} Hz{WITH_WHEELS}") for drive in drives]
         subject = f"random halls {seeds[0]} to {seeds[-1]}, {hz} Hz"
         yield Row(subject, "final ATE / that of 30 Hz", [r.final_ate_m / f for r, f in zip(runs, full)], MOST_RATIO)
         yield Row(subject, "times lost", [r.lost for r in runs], 0)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
 
 from ceiling_dso_ros.cli.outputs import require_output_folder
-from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
+from ceiling_dso_ros.cli.recording_options import add_recording_options, add_set_option, open_with, visual_run, warn
 from ceiling_dso_ros.io.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,9 +41,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--config", metavar="FILE.yaml", type=Path, help="yaml file with settings, such as config.yaml of a run"
     )
-    parser.add_argument(
-        "--set", metavar="key=value", dest="overrides", action="append", default=[], help="one setting; may be repeated"
-    )
+    add_set_option(parser, "one setting")
     parser.set_defaults(execute=execute)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Callable, Iterator, List, Sequence
 
 from ceiling_dso_ros.cli.outputs import require_output_file
-from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, warn
+from ceiling_dso_ros.cli.recording_options import add_recording_options, add_set_option, open_with, warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
 from ceiling_dso_ros.io.errors import InputError
 
@@ -39,14 +39,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--keep-lens", action="store_true", help="the recording's calibration is exact: do not estimate the lens"
     )
-    parser.add_argument(
-        "--set",
-        metavar="key=value",
-        dest="overrides",
-        action="append",
-        default=[],
-        help="set one value of the odometry, such as rig.baseline_sigma=0.001; may be repeated",
-    )
+    add_set_option(parser, "set one value of the odometry, such as rig.baseline_sigma=0.001")
     add_wheel_options(parser)
     parser.set_defaults(execute=execute)
 

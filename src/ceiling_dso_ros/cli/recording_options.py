@@ -61,6 +61,13 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_set_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add `--set`, into `overrides`; its help begins with what may be set."""
+    parser.add_argument(
+        "--set", metavar="key=value", dest="overrides", action="append", default=[], help=f"{what}; may be repeated"
+    )
+
+
 def topics_of_camera(options: argparse.Namespace) -> Dict[str, str]:
     """The arguments of TopicNames that were given."""
     topics = {

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ceiling_dso_ros.cli.outputs import complain, require_output_folder
-from ceiling_dso_ros.cli.recording_options import add_recording_options, open_with, visual_run, warn
+from ceiling_dso_ros.cli.recording_options import add_recording_options, add_set_option, open_with, visual_run, warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
 from ceiling_dso_ros.io.errors import InputError, OutputError
 from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
@@ -50,14 +50,7 @@ def add_parser(commands: argparse._SubParsersAction) -> None:
         type=Path,
         help="yaml file with settings of the fusion, such as fusion.yaml of a run",
     )
-    parser.add_argument(
-        "--set",
-        metavar="key=value",
-        dest="overrides",
-        action="append",
-        default=[],
-        help="set one value, such as window.max_keyframes=5 or fusion.graph.window=30; may be repeated",
-    )
+    add_set_option(parser, "set one value, such as window.max_keyframes=5 or fusion.graph.window=30")
     parser.add_argument(
         "--no-prediction",
         action="store_true",

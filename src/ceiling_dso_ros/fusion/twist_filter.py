@@ -18,7 +18,7 @@ ONSET = 2.0  # ramps begin at once: with so much more acceleration in the model,
 GATE_SIGMAS = 4.5  # passed by all but one in a hundred thousand
 STANDS_S = 0.1  # wheels that have not turned for so long: the robot stands, and does not accelerate either
 HISTORY_NS = nanoseconds(1.0)  # so late a slip may be noticed
-GAP = 3.0  # a step so much longer than the one before: samples are missing, or the wheels' clock was set ahead
+GAP = 3.0  # a step so much longer than the mean one: samples are missing, or the wheels' clock was set ahead
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,6 @@ class TwistFilter:
         self._now_ns: Optional[int] = None
         self._moved_ns: Optional[int] = None  # the wheels have not turned since
         self._step_ns, self._step_sigmas = LONG_AGO_NS, np.zeros(2)
-        self._duration_s = np.inf  # of the last step
         self._history: Deque[_Entry] = deque()
 
     def configure(self, config: OutputConfig) -> None:
@@ -115,7 +114,6 @@ class TwistFilter:
         Returns:
             Whether its distance is possible.
         """
-        is_gap, self._duration_s = step.duration_s > GAP * self._duration_s, step.duration_s
         if self._moved_ns is None or step.twist.any():
             self._moved_ns = step.start_ns
         still_s = seconds(step.end_ns - self._moved_ns)
@@ -126,7 +124,7 @@ class TwistFilter:
         if still_s > STANDS_S + step.duration_s:
             self._filter.x = np.zeros((4, 1))
             self._filter.P = np.kron(np.diag([1.0, still_s**-2]), covariance)
-        return possible or is_gap
+        return possible or self._is_gap(step)
 
     def add_rate(self, start_ns: int, end_ns: int, rate: np.ndarray, covariance: np.ndarray) -> None:
         """Take in (2,) mean forward speed and yaw rate over a time that the camera saw, with (2, 2) covariance."""
@@ -165,6 +163,12 @@ class TwistFilter:
         if measured.of_wheels:
             self._step_sigmas = np.sqrt(np.diag(self.covariance))
         return True
+
+    def _is_gap(self, step: WheelStep) -> bool:
+        """Whether a step, the newest in the history, is much longer than those before it."""
+        steps = [entry.measured for entry in self._history if entry.measured.of_wheels][:-1]
+        durations_s = [seconds(before.end_ns - before.start_ns) for before in steps]
+        return bool(steps) and step.duration_s > GAP * float(np.mean(durations_s))
 
     def _possible(self, measured: MeanTwist, difference: np.ndarray) -> bool:
         """Whether the robot can have changed its twist by (2,) so much since the last wheel step that was used."""

@@ -19,7 +19,9 @@ from ceiling_dso_ros.io.static_transforms import StaticTransforms
 from ceiling_dso_ros.ros.conversions import image_array
 from ceiling_dso_ros.ros.waiting import wait_until
 
-KEPT = 10  # images: a keyframe is made within a few images of its own
+KEPT_NS = 10**9  # images: those that come all at once wait for the odometry, and keyframes for the mapping
+MOST_KEPT = 100
+QUEUE_SIZE = 10
 TIMEOUT_S = 0.1  # for the image of the same moment, which comes over another connection
 BUFFER_BYTES = 2**24
 
@@ -38,14 +40,14 @@ class RightInput:
         self.complaint = ""
         self._rectified = rectified
         self._lock = threading.Lock()
-        self._images: Deque[Tuple[int, AnyImage]] = deque(maxlen=KEPT)
+        self._images: Deque[Tuple[int, AnyImage]] = deque(maxlen=MOST_KEPT)
         self._info: Optional[CameraInfo] = None
         self._transforms = StaticTransforms()
         self._known: Tuple[object, ...] = ()
         self._camera: Optional[SecondCamera] = None
         topic = rospy.resolve_name("right/image") + ("" if transport == "raw" else "/compressed")
         kind = Image if transport == "raw" else CompressedImage
-        self._subscriber = rospy.Subscriber(topic, kind, self._on_image, queue_size=KEPT, buff_size=BUFFER_BYTES)
+        self._subscriber = rospy.Subscriber(topic, kind, self._on_image, queue_size=QUEUE_SIZE, buff_size=BUFFER_BYTES)
         rospy.Subscriber("right/camera_info", CameraInfo, self._on_info, queue_size=1)
         rospy.Subscriber("/tf_static", TFMessage, self._on_transforms, queue_size=100)
 
@@ -100,7 +102,10 @@ class RightInput:
 
     def _on_image(self, message: AnyImage) -> None:
         with self._lock:
-            self._images.append((message.header.stamp.to_nsec(), message))
+            newest_ns = message.header.stamp.to_nsec()
+            self._images.append((newest_ns, message))
+            while abs(newest_ns - self._images[0][0]) > KEPT_NS:
+                self._images.popleft()
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:
