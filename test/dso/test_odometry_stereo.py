@@ -52,13 +52,13 @@ def true_scale(keyframe, other):
 
 def test_keyframes_say_the_scale_of_the_path(seen_twice):
     keyframes = list(last_estimates(seen_twice).values())
-    told = [keyframe for keyframe in keyframes if np.isfinite(keyframe.log_scale)]
+    told = [keyframe for keyframe in keyframes if np.isfinite(keyframe.scale.log_scale)]
     assert len(told) > 0.7 * len(keyframes)
     truth = np.log(true_scale(keyframes[-1], keyframes[1]))
     for keyframe in told[-4:]:
-        assert keyframe.log_scale == pytest.approx(truth, abs=0.02)
-        assert 0.0 < keyframe.log_scale_sigma < 0.02
-        assert keyframe.log_scale_common_sigma > CONFIG.rig.baseline_sigma
+        assert keyframe.scale.log_scale == pytest.approx(truth, abs=0.02)
+        assert 0.0 < keyframe.scale.sigma < 0.02
+        assert keyframe.scale.common_sigma > CONFIG.rig.baseline_sigma
 
 
 def test_poses_owe_nothing_to_the_second_camera(seen_twice, flight):
@@ -71,7 +71,7 @@ def test_images_that_are_missing_cost_only_their_scale(images, rights, rig, flig
     some = [None if k in missing else right for k, right in enumerate(rights)]
     statuses = run(DirectOdometry(CAMERA, CONFIG, rig=rig), images, some)
     same(statuses, flight)
-    told = {k.stamp_ns // FRAME_NS for k in last_estimates(statuses).values() if np.isfinite(k.log_scale)}
+    told = {k.stamp_ns // FRAME_NS for k in last_estimates(statuses).values() if np.isfinite(k.scale.log_scale)}
     assert told
     assert not told & missing
 
@@ -84,7 +84,7 @@ def test_the_scale_also_comes_from_a_mapping_beside_the_tracking(images, rights,
         statuses.append(odometry.track(image, k * FRAME_NS, right=lambda right=right: right))
         scheduler.wait()
     scheduler.close()
-    told = [k for k in last_estimates(statuses).values() if np.isfinite(k.log_scale)]
+    told = [k for k in last_estimates(statuses).values() if np.isfinite(k.scale.log_scale)]
     assert len(told) > 3
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.status import KeyframeEstimate, ScaleMeasurement
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.calibration import MEAN_RADIUS, calibrate, with_radius
 from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair
@@ -48,7 +48,7 @@ def a_drive(seed, error=0.0):
         poses.append(CameraPose(steps[-1].end_ns, segment, T))
         if k % 10 == 0:
             log_scale = np.log(UNITS[segment]) + error + SIGMA * rng.normal()
-            told = {"log_scale": log_scale, "log_scale_sigma": SIGMA, "log_scale_common_sigma": COMMON}
+            told = {"scale": ScaleMeasurement(log_scale, SIGMA, COMMON)}
             keyframes.append(KeyframeEstimate(k, steps[-1].end_ns, segment, T, (0.0, 0.0), False, **told))
     return steps, poses, segment_scales(keyframes)
 

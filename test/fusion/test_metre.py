@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from winding_chain import NOISE, SCALE, chain, config
 
-from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.status import KeyframeEstimate, ScaleMeasurement
 from ceiling_dso_ros.fusion import factors
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig
 from ceiling_dso_ros.fusion.graph import FactorBuilder, WindowGraph
 from ceiling_dso_ros.fusion.linear import LINEAR_SOLVER, joint_covariance
-from ceiling_dso_ros.fusion.metre import METRE_KEY, StereoScale, first_metre, metre_sigma
+from ceiling_dso_ros.fusion.metre import METRE_KEY, first_metre, metre_sigma, usable_scale
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import smooth
 
@@ -25,7 +25,7 @@ def seen_twice(count, rng=None, error=0.0, **arguments):
     scales = [SCALE * (1.4 if arguments.get("segment_at", count + 1) <= i.end else 1.0) for i in intervals]
     noise = np.zeros(count) if rng is None else OWN * rng.normal(size=count)
     measured = np.log(scales) + error + noise
-    return [replace(i, stereo=StereoScale(z, OWN, COMMON)) for i, z in zip(intervals, measured)], poses
+    return [replace(i, stereo=ScaleMeasurement(z, OWN, COMMON)) for i, z in zip(intervals, measured)], poses
 
 
 def whole_graph(intervals, settings):
@@ -136,8 +136,8 @@ def test_without_a_second_camera_the_graph_has_no_such_variable():
 
 def test_what_a_keyframe_says_of_the_scale():
     keyframe = KeyframeEstimate(1, 1, 0, np.eye(4), (0.0, 0.0), False)
-    assert StereoScale.of(keyframe) is None
-    told = replace(keyframe, log_scale=1.4, log_scale_sigma=0.01, log_scale_common_sigma=0.003)
-    assert StereoScale.of(told) == (1.4, 0.01, 0.003)
-    assert StereoScale.of(replace(told, log_scale_sigma=0.0)) is None
-    assert metre_sigma(StereoScale.of(told), 0.004) == pytest.approx(0.005)
+    assert usable_scale(keyframe) is None
+    told = replace(keyframe, scale=ScaleMeasurement(1.4, 0.01, 0.003))
+    assert usable_scale(told) == (1.4, 0.01, 0.003)
+    assert usable_scale(replace(told, scale=told.scale._replace(sigma=0.0))) is None
+    assert metre_sigma(usable_scale(told), 0.004) == pytest.approx(0.005)

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.status import NO_SCALE, KeyframeEstimate, ScaleMeasurement
 from ceiling_dso_ros.fusion.config import FusionConfig, ScaleConfig
 from ceiling_dso_ros.fusion.metric_scale import metric_positions, segment_scales
 
@@ -13,8 +13,8 @@ SIGMA, COMMON = 0.004, 0.003
 def keyframe(number, log_scale=np.nan, segment=0, sigma=SIGMA, x=None):
     T = np.eye(4)
     T[0, 3] = STEP * number if x is None else x
-    told = {} if np.isnan(log_scale) else {"log_scale_sigma": sigma, "log_scale_common_sigma": COMMON}
-    return KeyframeEstimate(number, number * 10**9, segment, T, (0.0, 0.0), False, log_scale=log_scale, **told)
+    scale = NO_SCALE if np.isnan(log_scale) else ScaleMeasurement(log_scale, sigma, COMMON)
+    return KeyframeEstimate(number, number * 10**9, segment, T, (0.0, 0.0), False, scale=scale)
 
 
 def walking(count, rng, walk=FusionConfig().scale.walk_sigma):
@@ -42,7 +42,7 @@ def test_the_estimate_is_that_of_least_squares():
     rows = [(np.eye(12)[k + 1] - np.eye(12)[k]) / walk for k in range(11)]
     measured = [k for k in range(12) if k != 3]
     rows += [np.eye(12)[k] / SIGMA for k in measured]
-    sides = [0.0] * 11 + [keyframes[k].log_scale / SIGMA for k in measured]
+    sides = [0.0] * 11 + [keyframes[k].scale.log_scale / SIGMA for k in measured]
     expected, *_ = np.linalg.lstsq(np.array(rows), np.array(sides), rcond=None)
     found = segment_scales(keyframes)[0]
     np.testing.assert_allclose(found.log_scales, expected, atol=1e-9)

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, ScaleMeasurement, TrackingState
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.photometric import PhotometricCalibration
 from ceiling_dso_ros.io.preprocessing import ImagePreprocessor
@@ -32,7 +32,7 @@ def status(index, segment=0, unit_m=UNIT_M):
     T = moved(0.1 * index / (unit_m or 1.0))
     told = {}
     if unit_m is not None:
-        told = {"log_scale": np.log(unit_m), "log_scale_sigma": 0.002, "log_scale_common_sigma": 0.001}
+        told = {"scale": ScaleMeasurement(np.log(unit_m), 0.002, 0.001)}
     keyframe = KeyframeEstimate(index, index * 10**9, segment, T, (0.0, 0.0), False, **told)
     return OdometryStatus(index * 10**9, TrackingState.TRACKING, segment, T, None, True, index, np.eye(4), (keyframe,))
 

@@ -109,8 +109,9 @@ def _relative(value: CalibratedValue, true: float) -> Tuple[float, float]:
 
 
 def _told_by(rig: RigConfig, keyframe: KeyframeEstimate, log_error: float) -> KeyframeEstimate:
-    common = float(np.hypot(keyframe.log_scale_common_sigma, rig.baseline_sigma))
-    return replace(keyframe, log_scale=keyframe.log_scale + log_error, log_scale_common_sigma=common)
+    scale = keyframe.scale
+    common = float(np.hypot(scale.common_sigma, rig.baseline_sigma))
+    return replace(keyframe, scale=scale._replace(log_scale=scale.log_scale + log_error, common_sigma=common))
 
 
 def stereo(tracked: TrackedDrives, _: int, first: int = FIRST_ROOF, count: int = ROOFS) -> Iterator[Row]:

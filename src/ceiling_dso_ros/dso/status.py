@@ -2,8 +2,9 @@
 """Result of the odometry for a frame."""
 
 import enum
+import math
 from dataclasses import dataclass, field
-from typing import Mapping, Optional, Tuple
+from typing import Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -28,6 +29,23 @@ class UntrackedImageError(Exception):
     """One image has no pose; the message says why. Only raised and caught within the odometry."""
 
 
+class ScaleMeasurement(NamedTuple):
+    """Metres per unit of the map at one keyframe, by a second camera.
+
+    Attributes:
+        log_scale: natural logarithm; nan where it is not known.
+        sigma: standard deviation of it, by what is independent of the keyframes before.
+        common_sigma: the same, by what all keyframes have in common: errors of the cameras' geometry.
+    """
+
+    log_scale: float
+    sigma: float
+    common_sigma: float
+
+
+NO_SCALE = ScaleMeasurement(math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class KeyframeEstimate:
     """One keyframe of the window as last refined.
@@ -40,10 +58,7 @@ class KeyframeEstimate:
         affine: brightness parameters (a, b) of equation (4).
         leaves: True when it has been marginalised, so this estimate is its last.
         depth: median depth of the map's points as it saw them when it was made, VO units; nan where it saw too few.
-        log_scale: natural logarithm of metres per unit, by a second camera, for the pose as it is here; nan without
-            one, or where it does not tell.
-        log_scale_sigma: standard deviation of it, by what is independent of the keyframes before.
-        log_scale_common_sigma: the same, by what all keyframes have in common: errors of the cameras' geometry.
+        scale: metres per unit by a second camera, for the pose as it is here; NO_SCALE where it is not told.
     """
 
     keyframe_id: int
@@ -53,9 +68,7 @@ class KeyframeEstimate:
     affine: Tuple[float, float]
     leaves: bool
     depth: float = float("nan")
-    log_scale: float = float("nan")
-    log_scale_sigma: float = float("nan")
-    log_scale_common_sigma: float = float("nan")
+    scale: ScaleMeasurement = NO_SCALE
 
 
 @dataclass(frozen=True)

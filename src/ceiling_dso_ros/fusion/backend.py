@@ -18,7 +18,7 @@ from ceiling_dso_ros.fusion.doubts import Doubts
 from ceiling_dso_ros.fusion.graph import GraphEstimate, Interval, WindowGraph
 from ceiling_dso_ros.fusion.keyframes import KeyframeChain
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe, LeavingKeyframes
-from ceiling_dso_ros.fusion.metre import StereoScale
+from ceiling_dso_ros.fusion.metre import usable_scale
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.slip import SlipMonitor
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode, smooth
@@ -104,7 +104,7 @@ class KeyframeBackend:
         new = self._chain.update(keyframes)
         self._leaving.refined(keyframes)
         for refined in self._chain.refinements():
-            stereo = StereoScale.of(refined.keyframe)
+            stereo = usable_scale(refined.keyframe)
             if stereo is not None:
                 self._graph.revise(refined.node, stereo=stereo)
             visual = self._on_floor(refined.T_before_node, refined.covariance)
@@ -139,8 +139,10 @@ class KeyframeBackend:
         visual, end = self._motion_to(keyframe, covariance), self._graph.newest + 1
         continues = self._chain.continues(keyframe)
         log_scale = math.nan if continues else self._height.log_scale(keyframe.depth)
-        measured = Interval(end, stamp_ns, wheels, visual, continues, depth=keyframe.depth, log_scale=log_scale)
-        measured = replace(measured, stereo=StereoScale.of(keyframe))
+        stereo = usable_scale(keyframe)
+        measured = Interval(
+            end, stamp_ns, wheels, visual, continues, depth=keyframe.depth, log_scale=log_scale, stereo=stereo
+        )
         if not continues:
             self._doubts.forget()
             self._height.begin_segment()
@@ -256,11 +258,9 @@ class KeyframeBackend:
         """The camera's motion, with the covariance of its end, if it is possible for a robot on a floor, else None."""
         if T is None:
             return None
-        visual, config = VisualMotion.from_camera(T, self._T_base_camera, covariance), self._config.visual
-        possible = visual.on_floor(config)
-        if possible and self.scale_known and self.estimate is not None:
-            possible = visual.on_wheels(math.exp(self.estimate.log_scale), config)
-        return visual if possible else None
+        visual = VisualMotion.from_camera(T, self._T_base_camera, covariance)
+        scale = math.exp(self.estimate.log_scale) if self.scale_known and self.estimate is not None else None
+        return visual if visual.is_possible(scale, self._config.visual) else None
 
     def _judged(self, interval: Interval) -> Interval:
         """The interval with the result of the slip test.

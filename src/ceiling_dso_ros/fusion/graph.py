@@ -13,10 +13,11 @@ from typing import Any, Deque, Dict, List, Optional, Sequence, Tuple
 import gtsam
 import numpy as np
 
+from ceiling_dso_ros.dso.status import ScaleMeasurement
 from ceiling_dso_ros.fusion import factors, planar
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.linear import LINEAR_SOLVER, joint_covariance
-from ceiling_dso_ros.fusion.metre import StereoScale, fields_of, first_metre, metre_of, stereo_factor
+from ceiling_dso_ros.fusion.metre import fields_of, first_metre, metre_of, stereo_factor
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import step_covariances
 from ceiling_dso_ros.fusion.visual import VisualMotion
@@ -56,7 +57,7 @@ class Interval:
     doubt: Optional[np.ndarray] = None
     depth: float = math.nan
     log_scale: float = math.nan
-    stereo: Optional[StereoScale] = None
+    stereo: Optional[ScaleMeasurement] = None
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from typing import Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.status import ScaleMeasurement
 from ceiling_dso_ros.fusion.config import FusionConfig
-from ceiling_dso_ros.fusion.metre import StereoScale, metre_sigma
+from ceiling_dso_ros.fusion.metre import metre_sigma
 
 
 class MeasuredScales:
@@ -23,7 +24,7 @@ class MeasuredScales:
         self._threshold = config.visual.robust_threshold
         self.metre_sigma = np.nan
         if self:
-            first = StereoScale(*motions["stereo"][self._measured][0].tolist())
+            first = ScaleMeasurement(*motions["stereo"][self._measured][0].tolist())
             self.metre_sigma = metre_sigma(first, config.wheels.radius_sigma)
 
     def __bool__(self) -> bool:

@@ -12,39 +12,30 @@ Averaging over keyframes makes the scale better only as far as the common error 
 """
 
 import math
-from typing import List, NamedTuple, Optional, Tuple
+from typing import List, Optional, Tuple
 
 import gtsam
 from gtsam.symbol_shorthand import N
 
-from ceiling_dso_ros.dso.status import KeyframeEstimate
+from ceiling_dso_ros.dso.status import KeyframeEstimate, ScaleMeasurement
 
 METRE_KEY = N(0)  # n
 LARGEST, LEAST_SIGMA = 15.0, 1e-6  # of a logarithm, and of its standard deviation: what else is sent makes no sense
 
 
-class StereoScale(NamedTuple):
-    """Logarithm of metres per unit by a second camera; standard deviations of its own and of the common error."""
-
-    log_scale: float
-    sigma: float
-    common_sigma: float
-
-    @classmethod
-    def of(cls, keyframe: KeyframeEstimate) -> "Optional[StereoScale]":
-        """What a keyframe says; None where it says nothing."""
-        values = keyframe.log_scale, keyframe.log_scale_sigma, keyframe.log_scale_common_sigma
-        log_scale, sigma, common_sigma = values
-        usable = abs(log_scale) < LARGEST and LEAST_SIGMA < sigma < LARGEST and 0.0 <= common_sigma < LARGEST
-        return cls(*values) if usable else None
+def usable_scale(keyframe: KeyframeEstimate) -> Optional[ScaleMeasurement]:
+    """What the second camera says of a keyframe; None where it says nothing, or nothing that makes sense."""
+    log_scale, sigma, common_sigma = keyframe.scale
+    usable = abs(log_scale) < LARGEST and LEAST_SIGMA < sigma < LARGEST and 0.0 <= common_sigma < LARGEST
+    return keyframe.scale if usable else None
 
 
-def metre_sigma(stereo: StereoScale, radius_sigma: float) -> float:
+def metre_sigma(stereo: ScaleMeasurement, radius_sigma: float) -> float:
     """Standard deviation of n before it is measured: of the cameras' geometry and of the mean wheel radius."""
     return max(math.hypot(stereo.common_sigma, radius_sigma), 1e-6)
 
 
-def stereo_factor(scale_key: int, stereo: StereoScale, robust_threshold: float) -> gtsam.NonlinearFactor:
+def stereo_factor(scale_key: int, stereo: ScaleMeasurement, robust_threshold: float) -> gtsam.NonlinearFactor:
     """e_k, robust: a roof that repeats itself may be found at a wrong distance."""
     huber = gtsam.noiseModel.mEstimator.Huber.Create(robust_threshold)
     noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Isotropic.Sigma(1, stereo.sigma))
@@ -52,7 +43,7 @@ def stereo_factor(scale_key: int, stereo: StereoScale, robust_threshold: float) 
 
 
 def first_metre(
-    values: gtsam.Values, stereo: Optional[StereoScale], radius_sigma: float
+    values: gtsam.Values, stereo: Optional[ScaleMeasurement], radius_sigma: float
 ) -> List[gtsam.NonlinearFactor]:
     """e_0 and n itself, for the first measurement of the second camera; nothing, if there is none or n is known."""
     if stereo is None or values.exists(METRE_KEY):
@@ -67,6 +58,6 @@ def metre_of(values: gtsam.Values) -> float:
     return float(values.atDouble(METRE_KEY)) if values.exists(METRE_KEY) else math.nan
 
 
-def fields_of(stereo: Optional[StereoScale]) -> Tuple[bool, Tuple[float, float, float]]:
+def fields_of(stereo: Optional[ScaleMeasurement]) -> Tuple[bool, Tuple[float, float, float]]:
     """As MOTION has it: whether there is a measurement, and its numbers."""
     return stereo is not None, (0.0, 0.0, 0.0) if stereo is None else (*stereo,)

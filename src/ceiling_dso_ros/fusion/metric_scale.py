@@ -19,7 +19,7 @@ from scipy.linalg import solveh_banded
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.fusion.graph import STANDING_SHIFT
-from ceiling_dso_ros.fusion.metre import StereoScale
+from ceiling_dso_ros.fusion.metre import usable_scale
 
 ITERATIONS = 50
 CONVERGED = 1e-7  # of a logarithm
@@ -61,13 +61,13 @@ def segment_scales(
         of_segment.setdefault(keyframe.segment, []).append(keyframe)
     found = {}
     for segment, members in of_segment.items():
-        if any(StereoScale.of(keyframe) is not None for keyframe in members):
+        if any(usable_scale(keyframe) is not None for keyframe in members):
             found[segment] = _segment_scale(members, config)
     return found
 
 
 def _segment_scale(keyframes: Sequence[KeyframeEstimate], config: FusionConfig) -> SegmentScale:
-    told = [StereoScale.of(keyframe) for keyframe in keyframes]
+    told = [usable_scale(keyframe) for keyframe in keyframes]
     measured = np.array([stereo is not None for stereo in told])
     z = np.array([0.0 if stereo is None else stereo.log_scale for stereo in told])
     information = np.array([0.0 if stereo is None else stereo.sigma**-2.0 for stereo in told])

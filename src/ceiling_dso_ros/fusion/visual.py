@@ -87,6 +87,10 @@ class VisualMotion:
             np.diag([config.translation_sigma, config.translation_sigma, config.yaw_sigma_rad]) ** 2 + self.covariance
         )
 
+    def is_possible(self, scale: Optional[float], config: VisualConfig) -> bool:
+        """Whether the motion is possible for a robot on a floor and, where metres per unit are known, for its wheels."""
+        return self.on_floor(config) and (scale is None or self.on_wheels(scale, config))
+
     def on_floor(self, config: VisualConfig) -> bool:
         """Whether the motion is possible for a robot on a floor."""
         return bool(np.hypot(*self.tilt) < config.tilt_limit_rad and abs(self.climb) < self._stray_limit(config))

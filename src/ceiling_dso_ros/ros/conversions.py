@@ -2,7 +2,7 @@
 """ROS messages to arrays and the odometry's values to ROS messages."""
 
 import math
-from typing import Dict, Sequence, Union
+from typing import Sequence, Union
 
 import numpy as np
 from genpy import Time
@@ -173,6 +173,8 @@ def _relative_pose(status: OdometryStatus, T_keyframe_camera: np.ndarray) -> Rel
 
 def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
     affine_a, affine_b = keyframe.affine
+    # What is not known is zero: all that is published is finite.
+    log_scale, sigma, common_sigma = keyframe.scale if all(map(math.isfinite, keyframe.scale)) else (0.0, 0.0, 0.0)
     return Keyframe(
         id=keyframe.keyframe_id,
         stamp=ros_time(keyframe.stamp_ns),
@@ -182,12 +184,7 @@ def _keyframe(keyframe: KeyframeEstimate) -> Keyframe:
         affine_b=affine_b,
         leaves=keyframe.leaves,
         depth=keyframe.depth,
-        **_log_scale(keyframe),
+        log_scale=log_scale,
+        log_scale_sigma=sigma,
+        log_scale_common_sigma=common_sigma,
     )
-
-
-def _log_scale(keyframe: KeyframeEstimate) -> Dict[str, float]:
-    """Fields of Keyframe: what is not known is zero, as all that is published is finite."""
-    values = keyframe.log_scale, keyframe.log_scale_sigma, keyframe.log_scale_common_sigma
-    told = values if all(map(math.isfinite, values)) else (0.0, 0.0, 0.0)
-    return dict(zip(("log_scale", "log_scale_sigma", "log_scale_common_sigma"), told))

@@ -8,6 +8,7 @@ from typing import Deque, Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso import KeyframeEstimate, OdometryStatus, TrackingState
+from ceiling_dso_ros.dso.status import NO_SCALE, ScaleMeasurement
 from ceiling_dso_ros.msg import Keyframe, Keyframes, RelativePose, VisualOdometryStatus
 from ceiling_dso_ros.ros.conversions import STATES, covariance_from_message, matrix_from_pose
 from ceiling_dso_ros.ros.data_clock import DataClock
@@ -105,9 +106,9 @@ def _keyframe(message: Keyframe, inner_ns: int) -> KeyframeEstimate:
         affine=(message.affine_a, message.affine_b),
         leaves=message.leaves,
         depth=message.depth if 0.0 < message.depth < math.inf else math.nan,
-        log_scale=message.log_scale if message.log_scale_sigma > 0.0 else math.nan,
-        log_scale_sigma=message.log_scale_sigma,
-        log_scale_common_sigma=message.log_scale_common_sigma,
+        scale=ScaleMeasurement(message.log_scale, message.log_scale_sigma, message.log_scale_common_sigma)
+        if message.log_scale_sigma > 0.0
+        else NO_SCALE,
     )
 
 

@@ -2,7 +2,8 @@
 import numpy as np
 import pytest
 
-from ceiling_dso_ros.dso.stereo.scale import CELLS, NO_SCALE, PointScales, cells, estimate_scale
+from ceiling_dso_ros.dso.status import NO_SCALE
+from ceiling_dso_ros.dso.stereo.scale import CELLS, PointScales, cells, estimate_scale
 
 FB = 40.4  # pixels per 1/m
 

@@ -4,8 +4,8 @@ import pytest
 from stereo_pair import CAMERA, Plane, scattered, side_by_side
 
 from ceiling_dso_ros.dso.config import RigConfig
+from ceiling_dso_ros.dso.status import NO_SCALE
 from ceiling_dso_ros.dso.stereo.rig import StereoRig
-from ceiling_dso_ros.dso.stereo.scale import NO_SCALE
 from ceiling_dso_ros.dso.stereo.scale_finder import ScaleFinder, SeenPoints
 
 EXACT = RigConfig(baseline_sigma=0.0, disparity_sigma=0.0)

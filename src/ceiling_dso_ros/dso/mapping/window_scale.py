@@ -14,8 +14,9 @@ import numpy as np
 from ceiling_dso_ros.dso.config import RigConfig
 from ceiling_dso_ros.dso.geometry.projection import intrinsic_matrix
 from ceiling_dso_ros.dso.images.frame import Frame
+from ceiling_dso_ros.dso.status import NO_SCALE, ScaleMeasurement
 from ceiling_dso_ros.dso.stereo.rig import StereoRig
-from ceiling_dso_ros.dso.stereo.scale import LEAST_POINTS, NO_SCALE, ScaleMeasurement
+from ceiling_dso_ros.dso.stereo.scale import LEAST_POINTS
 from ceiling_dso_ros.dso.stereo.scale_finder import ScaleFinder, SeenPoints
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
 from ceiling_dso_ros.dso.window.pair_geometry import PairGeometry, pair_geometry, project_points

@@ -15,29 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.status import NO_SCALE, ScaleMeasurement
+
 HUBER = 1.345  # standard deviations: nearly all of a normal distribution's information is kept
 MAD_TO_SIGMA = 1.4826
 ITERATIONS = 20
 CONVERGED = 1e-7  # of the logarithm
 LEAST_POINTS = 30
 CELLS = 8  # in a row of the image, and in a column: points of one cell have errors in common
-
-
-class ScaleMeasurement(NamedTuple):
-    """Metres per unit of the map at one keyframe.
-
-    Attributes:
-        log_scale: natural logarithm; nan where it is not known.
-        sigma: standard deviation of it, by what is independent of the keyframes before.
-        common_sigma: the same, by what all keyframes have in common: errors of the cameras' geometry.
-    """
-
-    log_scale: float
-    sigma: float
-    common_sigma: float
-
-
-NO_SCALE = ScaleMeasurement(math.nan, math.nan, math.nan)
 
 
 class PointScales(NamedTuple):

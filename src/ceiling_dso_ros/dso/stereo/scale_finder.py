@@ -8,13 +8,12 @@ import numpy as np
 
 from ceiling_dso_ros.dso.config import RigConfig
 from ceiling_dso_ros.dso.images.noise import smooth_image
+from ceiling_dso_ros.dso.status import NO_SCALE, ScaleMeasurement
 from ceiling_dso_ros.dso.stereo.matching_kernels import BORDER, correlations, match
 from ceiling_dso_ros.dso.stereo.rig import StereoRig
 from ceiling_dso_ros.dso.stereo.scale import (
     LEAST_POINTS,
-    NO_SCALE,
     PointScales,
-    ScaleMeasurement,
     cells,
     estimate_scale,
 )

@@ -13,8 +13,7 @@ from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.geometry.projection import viewing_rays
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
 from ceiling_dso_ros.dso.images.pyramid import PyramidPool
-from ceiling_dso_ros.dso.status import KeyframeEstimate
-from ceiling_dso_ros.dso.stereo.scale import NO_SCALE, ScaleMeasurement
+from ceiling_dso_ros.dso.status import NO_SCALE, KeyframeEstimate, ScaleMeasurement
 from ceiling_dso_ros.dso.window.candidates import CandidateTable
 from ceiling_dso_ros.dso.window.points import PointTable
 
@@ -172,9 +171,7 @@ class KeyframeWindow:
                 affine=(float(self.keyframes.affine[slot, 0]), float(self.keyframes.affine[slot, 1])),
                 leaves=slot in leaving,
                 depth=self.depths[slot],
-                log_scale=self.scales[slot].log_scale,
-                log_scale_sigma=self.scales[slot].sigma,
-                log_scale_common_sigma=self.scales[slot].common_sigma,
+                scale=self.scales[slot],
             )
             for slot in range(self.count)
         )
