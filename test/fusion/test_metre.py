@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
+from gtsam_solution import solved, whole_graph
 from winding_chain import NOISE, SCALE, chain, config
 
 from ceiling_dso_ros.dso.status import KeyframeEstimate, ScaleMeasurement
 from ceiling_dso_ros.fusion import factors
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig
 from ceiling_dso_ros.fusion.graph import FactorBuilder, WindowGraph
-from ceiling_dso_ros.fusion.linear import LINEAR_SOLVER, joint_covariance
-from ceiling_dso_ros.fusion.metre import METRE_KEY, first_metre, metre_sigma, usable_scale
+from ceiling_dso_ros.fusion.linear import joint_covariance
+from ceiling_dso_ros.fusion.metre import METRE_KEY, metre_sigma, usable_scale
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import smooth
 
@@ -26,30 +26,6 @@ def seen_twice(count, rng=None, error=0.0, **arguments):
     noise = np.zeros(count) if rng is None else OWN * rng.normal(size=count)
     measured = np.log(scales) + error + noise
     return [replace(i, stereo=ScaleMeasurement(z, OWN, COMMON)) for i, z in zip(intervals, measured)], poses
-
-
-def whole_graph(intervals, settings):
-    builder = FactorBuilder(settings, NOISE)
-    graph, values = gtsam.NonlinearFactorGraph(), builder.first_values()
-    for factor in builder.first_factors():
-        graph.push_back(factor)
-    pose = gtsam.Pose2()
-    for interval in intervals:
-        pose = pose.compose(builder.guess(interval))
-        values.insert(factors.pose_key(interval.end), pose)
-        values.insert(factors.scale_key(interval.end), builder.first_log_scale(interval)[0])
-        for factor in [*builder.factors(interval), *first_metre(values, interval.stereo, RADIUS)]:
-            graph.push_back(factor)
-    return graph, values
-
-
-def solved(graph, values):
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setLinearSolverType(LINEAR_SOLVER)
-    parameters.setMaxIterations(1000)
-    parameters.setRelativeErrorTol(1e-14)
-    parameters.setAbsoluteErrorTol(1e-14)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
 @pytest.mark.parametrize("estimate_wheels", [False, True])

@@ -4,12 +4,12 @@ from dataclasses import fields, replace
 import gtsam
 import numpy as np
 import pytest
+from gtsam_solution import solved, whole_graph
 from winding_chain import NOISE, SCALE, chain, config
 
 from ceiling_dso_ros.fusion import factors, planar
 from ceiling_dso_ros.fusion.config import FusionConfig, GraphConfig
 from ceiling_dso_ros.fusion.graph import FactorBuilder, WindowGraph
-from ceiling_dso_ros.fusion.linear import LINEAR_SOLVER
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import smooth
 
@@ -35,31 +35,10 @@ def an_eventful_drive(count, seed):
     return intervals
 
 
-def whole_graph(intervals, settings):
-    """The graph in gtsam, and where the wheels and the camera's turns lead to."""
-    builder = FactorBuilder(settings, NOISE)
-    graph, values = gtsam.NonlinearFactorGraph(), builder.first_values()
-    for factor in builder.first_factors():
-        graph.push_back(factor)
-    pose = gtsam.Pose2()
-    for interval in intervals:
-        pose = pose.compose(builder.guess(interval))
-        values.insert(factors.pose_key(interval.end), pose)
-        values.insert(factors.scale_key(interval.end), builder.first_log_scale(interval)[0])
-        for factor in builder.factors(interval):
-            graph.push_back(factor)
-    return graph, values
-
-
 def solved_by_gtsam(intervals, settings):
     """(N, 4) poses and log-scales by Levenberg-Marquardt, and the error."""
     graph, values = whole_graph(intervals, settings)
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setLinearSolverType(LINEAR_SOLVER)
-    parameters.setMaxIterations(1000)
-    parameters.setRelativeErrorTol(1e-14)
-    parameters.setAbsoluteErrorTol(1e-14)
-    solution = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+    solution = solved(graph, values)
     poses = [solution.atPose2(factors.pose_key(interval.end)) for interval in intervals]
     scales = [solution.atDouble(factors.scale_key(interval.end)) for interval in intervals]
     return np.array([(p.x(), p.y(), p.theta(), scale) for p, scale in zip(poses, scales)]), graph.error(solution)

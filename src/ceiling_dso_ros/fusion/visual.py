@@ -88,7 +88,7 @@ class VisualMotion:
         )
 
     def is_possible(self, scale: Optional[float], config: VisualConfig) -> bool:
-        """Whether the motion is possible for a robot on a floor and, where metres per unit are known, for its wheels."""
+        """Whether the motion is possible on a floor and, where the scale is known, metres per unit, for the wheels."""
         return self.on_floor(config) and (scale is None or self.on_wheels(scale, config))
 
     def on_floor(self, config: VisualConfig) -> bool:
