@@ -101,6 +101,7 @@ def test_wrong_overrides_are_named_in_one_line(override, complaint):
     [
         ("window: [", "not valid yaml"),
         ("initialization: {densities: [0.1, [0.2]]}", "densities=[0.1, [0.2]]: a list of values, not of further lists"),
+        ("initialization: {densities: [0.1, ~]}", "densities=[0.1, None]: a value of the list is empty"),
         ("- 5", "expected names and values"),
         ("5", "expected names and values"),
         ("window: {max_frames: 5}", "window.max_frames is unknown; did you mean window.max_keyframes?"),

@@ -131,6 +131,7 @@ def _require_plain(value: Any, default: Any, name: str) -> None:  # noqa: ANN401
         _require_in_range(text, f"{name}={value}")
         in_list = isinstance(value, list) and isinstance(text, (list, Mapping))
         require(not in_list, f"{name}={value}: a list of values, not of further lists")
+        require(text is not None or not isinstance(value, list), f"{name}={value}: a value of the list is empty")
         require(not isinstance(text, str) or "${" not in text, f"{name}={text}: ${{ is not allowed in a value")
     if isinstance(default, bool):
         require(isinstance(value, (bool, str)), f"{name}={value}: true or false")

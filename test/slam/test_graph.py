@@ -70,3 +70,15 @@ def test_a_keyframe_that_is_let_go_leaves_the_others_where_they_are(laps):
     for number, pose in before.items():
         assert np.hypot(*(graph.poses[number] - pose)[:2]) < 0.01
     assert sum(edge.end == 52 for edge in graph.edges) == 2  # the odometry, and the loop that went through
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_motion_that_nobody_knows_leaves_the_graph_solvable(laps, axis):
+    graph, _, _ = laps
+    covariance = np.diag([1e-13, 1e-13, 1e-13])  # what a keyframe's message may hold: as exact ...
+    covariance[axis, axis] = 1e8  # ... and as vague
+    for number in range(COUNT, COUNT + 3):
+        graph.place(number, planar.compose(graph.poses[number - 1], STEP))
+        graph.connect(Edge(number - 1, number, STEP, covariance, False))
+    assert np.sqrt(graph.covariance(COUNT + 2)[axis, axis]) > 1.0
+    assert graph.close([Edge(COUNT + 1, COUNT + 2, STEP, LOOP_COVARIANCE, True)]) == ""

@@ -15,6 +15,10 @@ from ceiling_dso_ros.slam.deciding import carried
 from ceiling_dso_ros.slam.site_map import Edge
 
 ANCHOR_SIGMA = 1e-4  # metres and rad: where the map begins
+# Metres and rad. What is known less well than the first says nothing to first order, what is known better than the
+# second nobody measures; gtsam calls a graph unsolvable in which an angle is 4096 times less certain than a position.
+VAGUEST_SIGMA = np.array([100.0, 100.0, 1.0])
+FINEST_SIGMA = np.array([3e-4, 3e-4, 1e-6])
 LARGEST_BEND = 14.16  # squared Mahalanobis distance, 3 sigma of three dimensions
 LARGEST_MISFIT = 11.34  # squared Mahalanobis distance of a loop that is right, one in a hundred exceeds it
 
@@ -154,8 +158,14 @@ class _Joint:
 
 
 def _part(edge: Edge) -> _Part:
-    noise = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
+    noise = gtsam.noiseModel.Gaussian.Covariance(_solvable(edge.covariance))
     return _Part(edge, gtsam.BetweenFactorPose2(edge.start, edge.end, gtsam.Pose2(*edge.motion), noise))
+
+
+def _solvable(covariance: np.ndarray) -> np.ndarray:
+    """A covariance within the range in which the graph can be solved."""
+    shrink = np.minimum(1.0, VAGUEST_SIGMA / np.sqrt(np.diag(covariance)))
+    return np.outer(shrink, shrink) * covariance + np.diag(FINEST_SIGMA**2)
 
 
 def _chained(before: Edge, after: Edge) -> Edge:
