@@ -130,3 +130,22 @@ def test_wheels_that_are_stuck_are_not_believed_against_a_new_map(simulate, trut
         if state.state is FusionState.CONVERGED:
             wrong.append(float(np.sqrt(error @ np.linalg.solve(state.covariance, error))))
     assert max(wrong) < 5.0
+
+
+def test_encoders_that_stick_and_catch_up_leave_the_pose_known(simulate, truth):
+    """What the camera takes back is no blind way: the pose is right, and its covariance says so."""
+    drive = simulate("loops", 30.0, 1, truth())
+    begin, ticks, held = drive.stamps[0], [], None
+    for stamp_ns, *counts in drive.ticks:
+        time_s = seconds(stamp_ns - begin)
+        if held is None or not (10.0 < time_s < 16.0 and (time_s - 10.0) % 0.5 < 0.25):
+            held = counts
+        ticks.append((stamp_ns, *held))
+    last = played(drive, ticks)[-1]
+    assert last.state is FusionState.CONVERGED
+    error_m = np.hypot(*(last.pose - drive.pose_at(last.stamp_ns))[:2])
+    sigmas = np.sqrt(np.diag(last.covariance))
+    assert error_m < 0.1
+    assert error_m < 4.0 * np.hypot(*sigmas[:2])
+    assert np.hypot(*sigmas[:2]) < 0.3
+    assert sigmas[2] < 0.1

@@ -280,7 +280,7 @@ class KeyframeBackend:
             self._refused.append(interval.end)
             return self._doubts.refused(interval, scale)
         slips = self.monitor.slips(interval, found, known)
-        if slips:
+        if slips and interval.end - 1 not in self._refused:  # else the camera was not blind before
             self._doubts.suspect_before(interval, scale)
         return replace(interval, wheels_slip=slips)
 

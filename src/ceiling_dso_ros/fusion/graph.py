@@ -28,6 +28,7 @@ FIRST_HEIGHT_M = 4.0  # of a ceiling of unknown height, with a sigma of 1: 1.5 t
 FIRST_HEIGHT_SIGMA = 1.0
 MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
 COST_TOLERANCE = 1e-4  # half a squared sigma is 1
+ANY_TURN_SIGMA = math.pi / math.sqrt(3.0)  # rad, of a heading of which nothing is known
 STANDING_SHIFT = 0.01  # units: lower bound of the distance for the scale's drift, for keyframes without translation
 
 
@@ -180,7 +181,8 @@ class FactorBuilder:
         if interval.wheels_slip:  # a slipping wheel may turn several times as far as the robot moves
             forward, left, turn = interval.wheels.pose
             reach = 3.0 * (math.hypot(forward, left) + 0.5 * self._noise.wheel_base_m * abs(turn)) + 0.05
-            covariance = covariance + np.diag([reach, reach, 2.0 * reach / self._noise.wheel_base_m]) ** 2
+            turn_sigma = min(2.0 * reach / self._noise.wheel_base_m, ANY_TURN_SIGMA)
+            covariance = covariance + np.diag([reach, reach, turn_sigma]) ** 2
         if interval.doubt is not None:
             covariance = covariance + np.diag(interval.doubt) ** 2
         return covariance
