@@ -102,6 +102,23 @@ def test_what_moves_with_the_base_has_a_reference_of_its_own(run_folder, how, ca
     assert f"fused: against {against}" in capsys.readouterr().out
 
 
+def turned(trajectory, quaternion_xyzw):
+    turn = np.tile(quaternion_xyzw, (len(trajectory), 1))
+    return Trajectory(trajectory.stamps_ns, trajectory.positions, turn)
+
+
+def test_a_reference_of_another_body_is_said(run_folder, capsys):
+    """The camera's reference alone: what moves with the base is compared with it, but not without a word."""
+    write_tum(run_folder / "fused.tum", turned(drive(), [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]))
+    assert main(["evaluate", str(run_folder), "--reference", str(run_folder.parent / "reference.tum")]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "reference.tum: is of another body than fused (90 degrees)" in line
+    assert "give --base-reference a trajectory of base_link" in line
+    evaluation = json.loads((run_folder / "evaluation.json").read_text())
+    assert evaluation["trajectories"]["fused"]["body_rotation_deg"] == pytest.approx(90.0, abs=0.1)
+    assert line.endswith(evaluation["warnings"][0])
+
+
 def test_files_are_written_before_a_reader_that_leaves(run_folder):
     """As in `evaluate ... | head -1`."""
     reading, writing = os.pipe()

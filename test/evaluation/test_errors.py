@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from ceiling_dso_ros.evaluation.errors import (
     Statistics,
+    body_rotation_deg,
     distance_travelled_m,
     position_errors,
     relative_errors,
@@ -107,3 +108,18 @@ def test_sub_trajectories_across_a_gap_are_left_out():
     reference[50:, 0, 3] += 5.0
     (errors,) = relative_errors(reference, reference, [1.0], planar=False)
     assert errors.count == (50 - 8) + (51 - 8)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 3.0])
+def test_another_body_is_turned_by_the_same_all_the_way(angle):
+    reference = straight()
+    reference[:, :3, :3] = Rotation.from_rotvec(np.outer(np.linspace(0.0, 9.0, 101), [0.0, 0.0, 1.0])).as_matrix()
+    other = reference.copy()
+    other[:, :3, :3] = reference[:, :3, :3] @ Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+    assert body_rotation_deg(other, reference) == pytest.approx(np.degrees(angle), abs=1e-5)
+
+
+def test_a_heading_that_drifts_is_no_other_body():
+    aligned = straight()
+    aligned[:, :3, :3] = Rotation.from_rotvec(np.outer(np.linspace(0.0, 1.0, 101), [0.0, 0.0, 1.0])).as_matrix()
+    assert body_rotation_deg(aligned, straight()) == 0.0

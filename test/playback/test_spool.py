@@ -31,15 +31,18 @@ def test_a_run_has_a_folder_of_its_own_which_goes_with_it(tmp_path):
     assert list((tmp_path / "new").iterdir()) == []
 
 
-def test_of_runs_that_were_killed_the_newest_with_results_is_kept(tmp_path):
-    folders = [left_over(tmp_path, when=f"2026010{day}-000000") for day in (1, 2, 3)]
+@pytest.mark.parametrize(("limit", "kept"), [(10**6, 3), (40, 2), (30, 1), (0, 1)])
+def test_of_runs_that_were_killed_the_newest_are_kept_as_far_as_they_fit(tmp_path, limit, kept):
+    folders = [left_over(tmp_path, when=f"2026010{day}-000000") for day in (3, 2, 1)]
+    assert sum(path.stat().st_size for path in folders[0].iterdir()) == 16
     empty = left_over(tmp_path, when="20260104-000000", content="")
     for age, folder in enumerate(folders):
-        os.utime(folder / "camera.tum", (age, age))
+        os.utime(folder / "camera.tum", (10 - age, 10 - age))
     other = left_over(tmp_path, name="robot-dso_node")
-    run = SpoolFolder(tmp_path, "dso_node")
-    assert run.left_over == folders[2]
-    assert set(tmp_path.iterdir()) == {folders[2], other, run.path}
+    run = SpoolFolder(tmp_path, "dso_node", limit)
+    assert run.left_over == folders[:kept]
+    assert run.given_up == folders[kept:]
+    assert set(tmp_path.iterdir()) == {*folders[:kept], other, run.path}
     assert not empty.exists()
 
 
@@ -54,11 +57,11 @@ def test_a_run_that_goes_on_in_another_process_is_left_alone(tmp_path):
     with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         other_path = other.stdout.readline().strip()
         run = SpoolFolder(tmp_path, "dso_node")
-        assert run.left_over is None
+        assert run.left_over == []
         assert {str(path) for path in tmp_path.iterdir()} == {other_path, str(run.path)}
         other.kill()
     run.remove()
-    assert str(SpoolFolder(tmp_path, "dso_node").left_over) == other_path
+    assert [str(path) for path in SpoolFolder(tmp_path, "dso_node").left_over] == [other_path]
 
 
 def test_a_full_disk_is_a_complaint_that_ends_with_it(tmp_path, monkeypatch):

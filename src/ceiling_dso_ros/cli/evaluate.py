@@ -38,6 +38,7 @@ TRAJECTORIES = {
     "mapped": "se2",
 }
 NUMBERS = "evaluation.json"
+OTHER_BODY_DEG = 15.0  # by more no frame differs from the same one elsewhere, as by a mount that is not quite upright
 FARTHEST_S = 4 * 10**9  # from a clock that begins with zero to that of any computer
 
 
@@ -129,6 +130,7 @@ def execute(options: argparse.Namespace) -> None:
             for name, estimate in estimates.items()
         }
     _warn_of_offsets(offsets, options, tell)
+    _warn_of_bodies(evaluations, options, tell)
     parts = [] if sigma is None else [reference_part(each, sigma) for each in evaluations]
     numbers = {
         "reference": str(camera_reference(options)),
@@ -196,6 +198,21 @@ def _warn_of_offsets(
                 f"{', '.join(f'{name} ({offset})' for name, offset in found.items())}; nothing is corrected without "
                 f"--time-offset {best.value_s:.3f}"
             )
+
+
+def _warn_of_bodies(
+    evaluations: Sequence["TrajectoryEvaluation"], options: argparse.Namespace, tell: Callable[[str], None]
+) -> None:
+    """One line for each reference that seems to be of another body than the trajectories."""
+    turned: Dict[Path, List[TrajectoryEvaluation]] = {}
+    for each in evaluations:
+        if each.body_rotation_deg is not None and each.body_rotation_deg > OTHER_BODY_DEG:
+            turned.setdefault(reference_of(each.name, options), []).append(each)
+    for path, found in turned.items():
+        named = ", ".join(f"{each.name} ({each.body_rotation_deg:.0f} degrees)" for each in found)
+        of_base = found[0].name in OF_THE_BASE
+        advice = "--base-reference a trajectory of base_link" if of_base else "--reference a trajectory of the camera"
+        tell(f"{path}: is of another body than {named}, turned by that all the way; give {advice}")
 
 
 def _print_details(

@@ -13,6 +13,7 @@ import numpy as np
 
 # A sub-trajectory may be longer than its nominal length by this part; longer ones span a gap and are left out.
 _LENGTH_TOLERANCE = 0.1
+_LARGEST_SCATTER = 0.25  # of a constant rotation, relative to its angle: then it is no drift
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,25 @@ def rotation_errors(aligned: np.ndarray, reference: np.ndarray, planar: bool) ->
     """Angles between the orientations, or the yaw error's magnitude when planar; (N,) float64, degrees."""
     R_error = aligned[:, :3, :3] @ np.transpose(reference[:, :3, :3], (0, 2, 1))
     return np.abs(_yaw_deg(R_error)) if planar else _angle_deg(R_error)
+
+
+def body_rotation_deg(aligned: np.ndarray, reference: np.ndarray) -> float:
+    """Angle by which the bodies of two trajectories are turned against each other: R in R_reference = R_aligned R.
+
+    It is that of the mean of R, and 0 where R is not constant: an orientation that drifts is of the same body.
+
+    Args:
+        aligned: (N, 4, 4) float64 estimate after equation (15).
+        reference: (N, 4, 4) float64.
+
+    Returns:
+        Degrees.
+    """
+    R = np.transpose(aligned[:, :3, :3], (0, 2, 1)) @ reference[:, :3, :3]
+    U, _, Vt = np.linalg.svd(R.mean(axis=0))
+    mean = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    angle, scatter = _angle_deg(mean[None])[0], np.sqrt(np.mean(_angle_deg(mean.T @ R) ** 2))
+    return float(angle) if scatter < _LARGEST_SCATTER * angle else 0.0
 
 
 def distance_travelled_m(poses: np.ndarray, planar: bool = False) -> np.ndarray:

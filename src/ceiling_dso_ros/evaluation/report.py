@@ -14,6 +14,7 @@ from ceiling_dso_ros.evaluation.coverage import Coverage
 from ceiling_dso_ros.evaluation.errors import (
     RelativeErrors,
     Statistics,
+    body_rotation_deg,
     distance_travelled_m,
     position_errors,
     relative_errors,
@@ -42,6 +43,8 @@ class TrajectoryEvaluation:
         travelled_m: (P,) float64, distance along the reference up to each pair.
         position_errors_m: (P,) float64, the paper's epsilon_i.
         rotation_errors_deg: (P,) float64; None where the alignment leaves the orientation open.
+        body_rotation_deg: by how much the body of the reference is turned against that of the estimate; None where the
+            alignment leaves the orientation open.
         relative: by length of the sub-trajectories.
     """
 
@@ -53,6 +56,7 @@ class TrajectoryEvaluation:
     travelled_m: np.ndarray
     position_errors_m: np.ndarray
     rotation_errors_deg: Optional[np.ndarray]
+    body_rotation_deg: Optional[float]
     relative: Tuple[RelativeErrors, ...]
 
     @property
@@ -86,6 +90,7 @@ class TrajectoryEvaluation:
             "path_m": self.path_m,
             "ate_m": asdict(self.ate_m),
             "rotation_deg": rotation,
+            "body_rotation_deg": self.body_rotation_deg,
             "relative": [asdict(errors) for errors in self.relative],
         }
 
@@ -135,6 +140,9 @@ def evaluate_trajectory(
         position_errors_m=position_errors(aligned[index], reference_poses, planar),
         rotation_errors_deg=(
             rotation_errors(aligned[index], reference_poses, planar) if alignment.rotation_determined else None
+        ),
+        body_rotation_deg=(
+            body_rotation_deg(aligned[index], reference_poses) if alignment.rotation_determined else None
         ),
         relative=relative_errors(aligned[index], reference_poses, lengths_m[lengths_m > 0.0], planar),
     )

@@ -9,7 +9,7 @@ import threading
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Dict, Iterator, List, Mapping, Optional
+from typing import Dict, Iterator, List, Mapping, Tuple
 
 from ceiling_dso_ros.io.errors import OutputError, reason_of
 from ceiling_dso_ros.io.replacing import replace_file
@@ -21,22 +21,28 @@ MEGABYTE = 10**6
 class SpoolFolder:
     """A folder of one run of a node: BASE/NAME.<time>.<process>.spool.
 
-    It is removed at the end of the run. One that stays is of a run that was killed. Only the newest of these is kept,
-    so that a node that is killed again and again does not fill the disk.
+    It is removed at the end of the run. One that stays is of a run that was killed. These are kept, the newest first,
+    as far as their size together allows: a node that is killed again and again does not fill the disk.
 
     Attributes:
         path: the folder.
-        left_over: the newest folder of a run of this name that was killed; None when there is none.
+        left_over: folders of runs of this name that were killed, the newest first.
+        given_up: those that were removed, because all together were too large.
     """
 
-    def __init__(self, base: Path, name: str) -> None:
+    def __init__(self, base: Path, name: str, left_over_limit: int = 1000 * MEGABYTE) -> None:
         """Make the folder, and remove old ones.
+
+        Args:
+            base: folder of the folders of all runs.
+            name: of the node.
+            left_over_limit: bytes that earlier runs may have left; the newest of them is kept in any case.
 
         Raises:
             OSError: it cannot be made.
         """
         base.mkdir(parents=True, exist_ok=True)
-        self.left_over = _keep_newest(base, name)
+        self.left_over, self.given_up = _keep_newest(base, name, left_over_limit)
         self.path = base / f"{name}.{time.strftime('%Y%m%d-%H%M%S')}.{os.getpid()}.spool"
         self.path.mkdir()
         self._lock = (self.path / "lock").open("w")
@@ -49,14 +55,17 @@ class SpoolFolder:
         self._lock.close()
 
 
-def _keep_newest(base: Path, name: str) -> Optional[Path]:
+def _keep_newest(base: Path, name: str, limit: int) -> Tuple[List[Path], List[Path]]:
+    """Remove folders without results, and the oldest beyond a size; returns what stays, and what was given up."""
     pattern = re.compile(rf"{re.escape(name)}\.\d+-\d+\.\d+\.spool")
     ended = [folder for folder in base.iterdir() if pattern.fullmatch(folder.name) and not _is_in_use(folder)]
-    kept = max((folder for folder in ended if _has_results(folder)), key=_age_key, default=None)
+    full = sorted((folder for folder in ended if _has_results(folder)), key=_age_key, reverse=True)
+    sizes = [sum(path.stat().st_size for path in folder.iterdir()) for folder in full]
+    kept = [folder for number, folder in enumerate(full) if number == 0 or sum(sizes[: number + 1]) <= limit]
     for folder in ended:
-        if folder != kept:
+        if folder not in kept:
             shutil.rmtree(folder, ignore_errors=True)
-    return kept
+    return kept, [folder for folder in full if folder not in kept]
 
 
 def _is_in_use(folder: Path) -> bool:

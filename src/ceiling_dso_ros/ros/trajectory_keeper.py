@@ -140,16 +140,16 @@ class TrajectoryKeeper(Generic[AnySpool]):
     def _begin(self, begin: Callable[[SpoolFolder, int], AnySpool], limit: int) -> Optional[AnySpool]:
         base = self._directory or Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "ceiling_dso_ros"
         try:
-            folder = SpoolFolder(base, rospy.get_name().strip("/").replace("/", "-"))
+            folder = SpoolFolder(base, rospy.get_name().strip("/").replace("/", "-"), limit)
             spool = begin(folder, limit)
         except OSError as error:
             self._failure = f"{base}: trajectories cannot be kept: {reason_of(error)}"
             rospy.logwarn(self._failure)
             return None
-        if folder.left_over is not None:
-            rospy.logwarn(
-                f"a run that was killed has left its trajectories: ceiling-dso collect {folder.left_over} --out DIR"
-            )
+        for left in folder.left_over:
+            rospy.logwarn(f"a run that was killed has left its trajectories: ceiling-dso collect {left} --out DIR")
+        for path in folder.given_up:
+            rospy.logwarn(f"{path}: was removed: runs that were killed have left more than trajectory_limit_mb")
         return spool
 
     def _answer(self, request: SaveTrajectoryRequest) -> SaveTrajectoryResponse:
