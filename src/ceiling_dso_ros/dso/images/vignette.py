@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Vignetting: a lens lets less light through towards the corners of the image."""
 
-from typing import Optional, Sequence, Tuple
+from typing import Optional, Tuple, Union
 
 import numpy as np
 
@@ -37,8 +37,8 @@ class Vignette:
         return float(np.exp(sum(self.coefficients)))
 
 
-def log_share(coefficients: Sequence[float], rho2: np.ndarray) -> np.ndarray:
-    """ln V where the squared rho is rho2."""
+def log_share(coefficients: Union[np.ndarray, Tuple[float, float]], rho2: np.ndarray) -> np.ndarray:
+    """The logarithm of V where the squared rho is rho2."""
     return (coefficients[0] + coefficients[1] * rho2) * rho2
 
 

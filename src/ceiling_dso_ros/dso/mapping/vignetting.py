@@ -78,7 +78,7 @@ class VignetteEstimator:
             self._blocks += 1
             self._sum_H += H
             self._sum_g += g
-            self._sum_gHg += g @ np.linalg.solve(H, g)
+            self._sum_gHg += float(g @ np.linalg.solve(H, g))
         self._H, self._g, self._keyframes = np.zeros((TERMS, TERMS)), np.zeros(TERMS), 0
 
     def significant_change(self) -> Optional[np.ndarray]:

@@ -56,7 +56,7 @@ def add_pixels(
             x, y, z, _ = warp_point(warp, x_host, y_host, idepth[i])
             if not in_view(x, y, z, width, height):
                 continue
-            value, gx, gy = sample_gradient(image, width, x, y)
+            value, gx, gy = sample_gradient(image, width, np.float32(x), np.float32(y))
             scaled = gain * grey[p, i]
             predicted = scaled + offset
             residual = value - predicted
