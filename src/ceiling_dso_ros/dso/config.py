@@ -25,6 +25,7 @@ class ImageConfig:
     # Standard deviation in grey levels: the images of a noisier camera are smoothed. It moves the points with the
     # smallest gradients that are selected, 7 grey levels per pixel, by up to (1.4 / 7)^2 / 4 = 0.01 pixels.
     max_noise: float = 1.4
+    vignetting: bool = True  # estimate how much darker the corners of the image are, and correct it
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""

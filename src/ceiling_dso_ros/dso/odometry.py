@@ -22,6 +22,7 @@ from ceiling_dso_ros.dso.mapping.keyframe_policy import KeyframeTrigger
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.mapping.mapper import Mapper
 from ceiling_dso_ros.dso.mapping.mapping_queue import MAX_BACKLOG, MappingQueue
+from ceiling_dso_ros.dso.mapping.vignetting import VignetteEstimator
 from ceiling_dso_ros.dso.segment import Segment
 from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck
 from ceiling_dso_ros.dso.start.map_start import MapStart
@@ -75,6 +76,7 @@ class DirectOdometry:
         self._selector = PixelSelector(self._pool)
         self._tracker = FrameTracker(self._pool, self.config.tracking)
         self._exposures = ExposureScale()
+        self._vignetting = VignetteEstimator(self.camera, self.config.window.min_keyframes)
         self._normal: Optional[np.ndarray] = None  # of the plane in which the camera moves
         self._first_map_check = FirstMapCheck(self.config, self._tracker, self._selector)
         self._segment = self._new_segment(number=0, first_keyframe_id=0, T_world_camera=np.eye(4))
@@ -100,10 +102,10 @@ class DirectOdometry:
                 only called, perhaps by another thread, if the image becomes a keyframe.
         """
         segment, timer = self._segment, StageTimer()
-        with timer.stage("pyramid"):
-            frame = self._new_frame(image, stamp_ns, exposure_ms, prediction, right)
         try:
             segment.catch_up(timer)
+            with timer.stage("pyramid"):
+                frame = self._new_frame(image, stamp_ns, exposure_ms, prediction, right)
             if segment.map is None:
                 with timer.stage("initialize"):
                     return self._initialize(frame, prediction, timer)
@@ -119,7 +121,7 @@ class DirectOdometry:
         except UntrackedImageError as error:
             return self._set_aside(frame, str(error), timer)
         except TrackingLostError as error:
-            return self._lose(frame, str(error), timer)
+            return self._lose(stamp_ns, str(error), timer)
 
     def expect(self, stamp_ns: int, prediction: Optional[CameraMotion] = None) -> Optional[ExpectedMotion]:
         """How the camera should have moved up to an image, before any work on it; None without a map.
@@ -159,7 +161,8 @@ class DirectOdometry:
             noise = noise_level(image)
             segment.smooth = None if noise is None else noise > self.config.images.max_noise
         smooth = bool(segment.smooth)
-        slot = self._pool.build(image, smooth)
+        vignette = self._vignetting.vignette if segment.map is None else segment.map.vignette
+        slot = self._pool.build(image, smooth, vignette)
         if prediction is not None:
             self._normal = prediction.normal
         exposure = self._exposures.of(exposure_ms)
@@ -206,17 +209,17 @@ class DirectOdometry:
     def _set_aside(self, frame: Frame, reason: str, timer: StageTimer) -> OdometryStatus:
         """Leave out one frame, as after a flash; give up the segment only when there was no pose for too long."""
         if not self._segment.history.miss(frame.stamp_ns, self.config.tracking.patience):
-            return self._lose(frame, reason, timer)
+            return self._lose(frame.stamp_ns, reason, timer)
         self._pool.release(frame.image_slot)
         return self._segment.status_without_pose(frame.stamp_ns, TrackingState.RETRYING, reason, timer)
 
-    def _lose(self, frame: Frame, reason: str, timer: StageTimer) -> OdometryStatus:
+    def _lose(self, stamp_ns: int, reason: str, timer: StageTimer) -> OdometryStatus:
         """Give up the segment; the next image starts another one."""
         segment = self._segment
         self._scheduler.wait()
         with suppress(TrackingLostError):
             segment.take_in_map(timer)
-        status = segment.status_without_pose(frame.stamp_ns, TrackingState.LOST, reason, timer)
+        status = segment.status_without_pose(stamp_ns, TrackingState.LOST, reason, timer)
         self._segment = self._new_segment(segment.number + 1, segment.mapping.next_keyframe_id, segment.T_world_camera)
         return status
 
@@ -228,7 +231,9 @@ class DirectOdometry:
         self._pool.release_all(() if start is None else start.slots)
         if start is None:
             start = MapStart(self._pool, self._selector, self.camera, self.config.initialization)
-        mapper = Mapper(self.camera, self.config, self._pool, self._selector, number, first_keyframe_id, self._rig)
+        mapper = Mapper(
+            self.camera, self.config, self._pool, self._selector, self._vignetting, number, first_keyframe_id, self._rig
+        )
         return Segment(
             number,
             first_keyframe_id,

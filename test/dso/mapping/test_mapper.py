@@ -15,6 +15,7 @@ from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.keyframe_policy import PointFate
 from ceiling_dso_ros.dso.mapping.mapper import Mapper
+from ceiling_dso_ros.dso.mapping.vignetting import VignetteEstimator
 from ceiling_dso_ros.dso.status import TrackingLostError
 from ceiling_dso_ros.dso.window import trace_outcome
 from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY
@@ -30,7 +31,9 @@ class Scene:
     def __init__(self):
         self.pool = PyramidPool(CAMERA, 8)
         self.selector = PixelSelector(self.pool)
-        self.mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, segment=4, first_id=10)
+        self.mapper = Mapper(
+            CAMERA, CONFIG, self.pool, self.selector, VignetteEstimator(CAMERA, 5), segment=4, first_id=10
+        )
         first = self.frame(0)
         pixels = self.selector.select(first.image_slot, 500)
         idepth = SURFACE.idepth(np.eye(4), pixels.u, pixels.v).astype(np.float32)

@@ -15,6 +15,7 @@ from ceiling_dso_ros.dso.images.pyramid import PyramidPool
 from ceiling_dso_ros.dso.images.selection import PixelSelector
 from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.mapper import Mapper
+from ceiling_dso_ros.dso.mapping.vignetting import VignetteEstimator
 from ceiling_dso_ros.dso.start.first_map_check import FirstMapCheck, image_distance
 from ceiling_dso_ros.dso.tracking.frame_tracker import FrameTracker
 
@@ -35,7 +36,7 @@ class TwoFrames:
             Frame(k, 1.0, self.pool.build(self._noisy(surface.render(T), noise, rng)), T, np.zeros(2))
             for k, T in enumerate((np.eye(4), MOTION))
         )
-        mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, segment=0, first_id=0)
+        mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, VignetteEstimator(CAMERA, 5), segment=0, first_id=0)
         pixels = self.selector.select(self.first.image_slot, 500)
         idepth = surface.idepth(np.eye(4), pixels.u, pixels.v).astype(np.float32)
         mapper.begin(self.first, FirstMap(MOTION, pixels, idepth, 0.0, 0.0))

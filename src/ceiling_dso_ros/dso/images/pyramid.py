@@ -2,7 +2,7 @@
 """Image pyramids in a pool of preallocated memory."""
 
 from dataclasses import dataclass
-from typing import Collection, List, Tuple
+from typing import Collection, List, Optional, Tuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ceiling_dso_ros.dso.compute.jit import kernel_noalias
 from ceiling_dso_ros.dso.config import ConfigError
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.dso.images.noise import smooth_image
+from ceiling_dso_ros.dso.images.vignette import Vignette
 
 MIN_PIXELS = 5000
 MAX_LEVELS = 6
@@ -80,13 +81,16 @@ class PyramidPool:
         self.buffers = np.zeros((slots, self.shape.offsets[-1]), np.float32)
         self._scratch = np.zeros((2, camera.height, camera.width), np.float32)
         self._free: List[int] = list(range(slots))
+        self._none = Vignette(camera)
+        self._vignettes = [self._none] * slots  # by which each was divided
 
-    def build(self, image: np.ndarray, smooth: bool = False) -> int:
+    def build(self, image: np.ndarray, smooth: bool = False, vignette: Optional[Vignette] = None) -> int:
         """Fill a free slot with the pyramid of an image; returns the slot.
 
         Args:
             image: (height, width) float32 or uint8.
             smooth: against its noise, see `noise`.
+            vignette: by which it is divided.
         """
         slot = self._free.pop()
         width, height = self.shape.sizes[0]
@@ -97,10 +101,35 @@ class PyramidPool:
             smooth_image(raw, rows, finest)
         else:
             finest[:] = image
+        self._vignettes[slot] = self._none
+        if vignette is None or vignette.inverse is None:
+            self._halve(slot)
+        else:
+            self.correct(slot, vignette)
+        return slot
+
+    def vignette(self, slot: int) -> Vignette:
+        """By which the image in a slot was divided."""
+        return self._vignettes[slot]
+
+    def correct(self, slot: int, vignette: Vignette) -> None:
+        """Divide the image in a slot by another vignette instead of the one by which it was divided."""
+        before = self._vignettes[slot]
+        if before is vignette:
+            return
+        width, height = self.shape.sizes[0]
+        finest = self.level(slot, 0).reshape(height, width)
+        if before.inverse is not None:
+            finest /= before.inverse
+        if vignette.inverse is not None:
+            finest *= vignette.inverse
+        self._vignettes[slot] = vignette
+        self._halve(slot)
+
+    def _halve(self, slot: int) -> None:
         for level in range(1, self.shape.levels):
             fine_width = self.shape.sizes[level - 1][0]
             halve(self.level(slot, level - 1), fine_width, *self.shape.sizes[level], self.level(slot, level))
-        return slot
 
     def level(self, slot: int, level: int) -> np.ndarray:
         """One level as a flat float32 view."""

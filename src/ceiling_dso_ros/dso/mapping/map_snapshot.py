@@ -7,6 +7,7 @@ from typing import NamedTuple, Tuple
 import numpy as np
 
 from ceiling_dso_ros.dso.hosted_points import HostedPoints
+from ceiling_dso_ros.dso.images.vignette import Vignette
 from ceiling_dso_ros.dso.status import KeyframeEstimate
 from ceiling_dso_ros.dso.tracking.tracking_reference import TrackingReference
 from ceiling_dso_ros.dso.window.keyframe_window import KeyframeWindow
@@ -38,6 +39,7 @@ class MapSnapshot:
         window_points: the active points.
         marginalized: the points that were marginalised with this keyframe.
         active_points, candidate_points: how many the window holds.
+        vignette: by which the reference's image was divided.
     """
 
     reference: TrackingReference
@@ -47,6 +49,7 @@ class MapSnapshot:
     marginalized: HostedPoints
     active_points: int
     candidate_points: int
+    vignette: Vignette
 
     @classmethod
     def of(
@@ -56,7 +59,8 @@ class MapSnapshot:
         """Snapshot of a window; copies everything that may change."""
         count = window.points.count
         points = window.hosted_points(np.ones(count, bool))
-        return cls(reference, keyframes, rmse, points, marginalized, count, window.candidates.count)
+        vignette = window.pool.vignette(int(window.keyframes.image_slot[window.newest]))
+        return cls(reference, keyframes, rmse, points, marginalized, count, window.candidates.count, vignette)
 
     @property
     def points(self) -> MapPoints:

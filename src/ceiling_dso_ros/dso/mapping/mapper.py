@@ -21,6 +21,7 @@ from ceiling_dso_ros.dso.mapping.first_map import FirstMap
 from ceiling_dso_ros.dso.mapping.keyframe_policy import PointFate, keyframes_to_marginalize
 from ceiling_dso_ros.dso.mapping.map_snapshot import MapSnapshot
 from ceiling_dso_ros.dso.mapping.tracing_kernels import trace_host
+from ceiling_dso_ros.dso.mapping.vignetting import VignetteEstimator
 from ceiling_dso_ros.dso.mapping.window_scale import WindowScale
 from ceiling_dso_ros.dso.status import TrackingLostError
 from ceiling_dso_ros.dso.stereo.rig import StereoRig
@@ -38,9 +39,10 @@ class Mapper:
     """Owns the window of keyframes of one segment."""
 
     def __init__(
-        self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool, selector: PixelSelector, segment: int,
-        first_id: int, rig: Optional[StereoRig] = None,
+        self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool, selector: PixelSelector,
+        vignetting: VignetteEstimator, segment: int, first_id: int, rig: Optional[StereoRig] = None,
     ) -> None:  # fmt: skip
+        self._vignetting = vignetting
         self.window = KeyframeWindow(camera, config, pool)
         self._config = config
         self._segment = segment
@@ -85,6 +87,7 @@ class Mapper:
     def trace(self, frame: Frame) -> None:
         """Narrow the depth of all candidates with a new frame."""
         window = self.window
+        window.pool.correct(frame.image_slot, self._vignetting.vignette)  # it may have changed since the image came
         K, K_inverse = intrinsic_matrix(window.intrinsics), intrinsic_inverse(window.intrinsics)
         ranges = window.candidates.host_ranges(window.count)
         image = window.pool.level(frame.image_slot, 0)
@@ -116,6 +119,9 @@ class Mapper:
             raise TrackingLostError("the bundle adjustment has no solution")
         if window.points.count < self._config.window.min_active_share * self._config.window.active_points:
             raise TrackingLostError(f"{window.points.count} points are too few for a map")
+        if self._config.images.vignetting:
+            with timer.stage("vignette"):
+                self._vignetting.update(window)
         with timer.stage("reference"):
             reference = self._references.build(window)
             window.depths[window.newest] = _median_depth(reference.levels[0].idepth)
