@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ceiling_dso_ros.dso.durations import nanoseconds, seconds
+from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.estimator import FusionEstimator
 from ceiling_dso_ros.fusion.state import FusionState
@@ -149,3 +150,40 @@ def test_encoders_that_stick_and_catch_up_leave_the_pose_known(simulate, truth):
     assert error_m < 4.0 * np.hypot(*sigmas[:2])
     assert np.hypot(*sigmas[:2]) < 0.3
     assert sigmas[2] < 0.1
+
+
+@pytest.mark.parametrize("scale_known", [True, False])
+def test_what_the_wheels_counted_while_nobody_saw_is_not_lost(simulate, truth, scale_known):
+    """Their samples of two seconds are delayed, while the camera sees nothing, or its scale is not known yet."""
+    drive = simulate("loops", 20.0, 1, truth())
+    silent_s = (10.0, 12.0) if scale_known else (0.3, 2.3)
+    silent_ns = [drive.stamps[0] + nanoseconds(each) for each in silent_s]
+    estimator, outputs, kept = FusionEstimator(drive.robot), [], []
+    for stamp_ns, is_camera, data in drive.events():
+        in_silence = silent_ns[0] < stamp_ns < silent_ns[1]
+        if is_camera:
+            if in_silence and scale_known:
+                data = OdometryStatus(data.stamp_ns, TrackingState.RETRYING, data.segment)
+            outputs += [estimator.add_keyframes(data), estimator.add_frame(data)]
+        elif in_silence:
+            kept.append((stamp_ns, *data))
+        else:
+            for sample in [*kept, (stamp_ns, *data)]:
+                outputs.append(estimator.add_wheel_ticks(*sample))
+            kept = []
+    outputs = [state for state in outputs if state is not None]
+    assert (np.diff([state.stamp_ns for state in outputs]) > 0).all()
+    held = [
+        state for state in outputs if silent_ns[0] + nanoseconds(0.6) < state.stamp_ns < silent_ns[1] - nanoseconds(0.1)
+    ]
+    assert len(held) > 10
+    for state in held:
+        error = state.pose - drive.pose_at(state.stamp_ns)
+        assert error @ np.linalg.solve(state.covariance, error) < 30.0
+        assert any(reason.startswith("wheels: silent") for reason in state.reasons)
+    error = outputs[-1].pose - drive.pose_at(outputs[-1].stamp_ns)
+    assert np.hypot(*error[:2]) < 0.1
+    for before, after in zip(outputs, outputs[1:]):  # what was missing comes as a correction, without a jump
+        time_s = seconds(after.stamp_ns - before.stamp_ns)
+        fastest_m_s = 1.5 + estimator.config.output.max_correction_m_s
+        assert np.hypot(*planar.between(before.pose, after.pose)[:2]) < fastest_m_s * time_s + 0.01

@@ -13,7 +13,7 @@ from typing import Deque, List, Optional, Tuple, Union
 
 import numpy as np
 
-from ceiling_dso_ros.dso.durations import nanoseconds, seconds
+from ceiling_dso_ros.dso.durations import LONG_AGO_NS, nanoseconds, seconds
 from ceiling_dso_ros.dso.geometry import se3
 from ceiling_dso_ros.dso.geometry.camera_motion import CameraMotion
 from ceiling_dso_ros.dso.status import KeyframeEstimate, OdometryStatus, TrackingState
@@ -25,7 +25,7 @@ from ceiling_dso_ros.fusion.graph import GraphEstimate
 from ceiling_dso_ros.fusion.health import Health
 from ceiling_dso_ros.fusion.leaps import Leaps
 from ceiling_dso_ros.fusion.leaving import LeavingKeyframe
-from ceiling_dso_ros.fusion.output import LiveOutput
+from ceiling_dso_ros.fusion.output import Estimate, LiveOutput, either
 from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.seen_motions import SeenMotion, SeenMotions
 from ceiling_dso_ros.fusion.slip import SlipReport
@@ -77,6 +77,7 @@ class FusionEstimator:
         self._contradiction = Contradiction(self.config.slip)
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
         self._leaps = Leaps(self.config.output)
+        self._held_ns = LONG_AGO_NS  # until then outputs were published that nothing told of a motion
         self._stood: Optional[np.ndarray] = None  # (3,) output, if the camera that is doubted is right
         self._leapt: Optional[OdometryStatus] = None  # the newest image, while no further one has confirmed it
         self._covariances: Deque[Tuple[int, np.ndarray]] = deque(maxlen=RECENT_FRAMES)  # by stamps of images
@@ -210,7 +211,7 @@ class FusionEstimator:
             step = step.clip(self._track.end_ns, step.end_ns)
         return None if step is None else self._advance(step)
 
-    def _advance(self, step: WheelStep) -> FusedState:
+    def _advance(self, step: WheelStep) -> Optional[FusedState]:
         """Advance by one output: first the wheels, then the images that were waiting for them."""
         if self._output is None:
             self._output = LiveOutput(self.config.output, self.wheels.noise, step.start_ns)
@@ -218,19 +219,15 @@ class FusionEstimator:
         slipping = self._contradiction.replaces_wheels(step.end_ns)
         step = self._output.predict(step, slipping, seen=self._sees(step.end_ns))
         self._use_waiting(self._output)
-        pose, twist, twist_covariance = self._output.publish(step)
-        covariance = pose.covariance if self._stood is None else pose.covariance + _either(pose.pose, self._stood)
-        state, reasons = self._health.judge(step.end_ns, self._backend, self._contradiction)
-        return FusedState(
-            step.end_ns,
-            planar.compose(self._origin, pose.pose),
-            planar.rotate_covariance(covariance, self._origin[2]),
-            twist,
-            twist_covariance,
-            state,
-            reasons,
-            self.scale,
-        )
+        news = step.clip(self._held_ns, step.end_ns)  # what came before was missing from the last outputs
+        return None if news is None else self._state(step.end_ns, *self._output.publish(news))
+
+    def _state(self, stamp_ns: int, pose: Estimate, twist: np.ndarray, twist_covariance: np.ndarray) -> FusedState:
+        """An output of `LiveOutput` in odom, with the health."""
+        covariance = pose.covariance if self._stood is None else pose.covariance + either(pose.pose, self._stood)
+        state, reasons = self._health.judge(stamp_ns, self._backend, self._contradiction)
+        in_odom = planar.compose(self._origin, pose.pose), planar.rotate_covariance(covariance, self._origin[2])
+        return FusedState(stamp_ns, *in_odom, twist, twist_covariance, state, reasons, self.scale)
 
     def _sees(self, now_ns: int) -> bool:
         """Whether images have been correcting the output up to now."""
@@ -261,13 +258,17 @@ class FusionEstimator:
 
     def _take_in(self, status: OdometryStatus) -> Optional[FusedState]:
         """While the wheels are silent, continue without them from image to image."""
-        now_ns = self._on_wheel_clock(status.stamp_ns)
-        if self._output is None or not self._health.wheels_silent(now_ns) or now_ns <= self._track.end_ns:
+        now_ns, output = self._on_wheel_clock(status.stamp_ns), self._output
+        if output is None or not self._health.wheels_silent(now_ns) or now_ns <= max(self._track.end_ns, self._held_ns):
             return None
-        guess = np.zeros(3)
-        if status.state is TrackingState.TRACKING and self._backend.scale_known:  # which will correct it
-            guess[::2] = seconds(now_ns - self._track.end_ns) * self._output.twist
-        return self._advance(WheelStep(self._track.end_ns, now_ns, guess, known=False))
+        sees = status.state is TrackingState.TRACKING and self._backend.scale_known
+        # If images correct it, the motion is used. Else the wheels may still tell what they counted in the meantime.
+        guess = seconds(now_ns - self._track.end_ns) * output.twist if sees else np.zeros(2)
+        step = WheelStep(self._track.end_ns, now_ns, np.array([guess[0], 0.0, guess[1]]), known=False)
+        if sees:
+            return self._advance(step)
+        self._held_ns = now_ns
+        return self._state(now_ns, *output.hold(step))
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
         covariance = next((C for image_ns, C in self._covariances if image_ns == keyframe.stamp_ns), None)
@@ -341,9 +342,3 @@ class FusionEstimator:
         before = next((each for each in self._frames if each.stamp_ns >= oldest_ns), status)
         seen = self._seen.between(before, status)
         return seen is not None and seen.contradicted
-
-
-def _either(pose: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(3, 3) to add to the covariance of a (3,) pose, seen from odom, that is this one or the other."""
-    missing = np.array([*(other[:2] - pose[:2]), planar.wrap(other[2] - pose[2])])
-    return np.outer(missing, missing)

@@ -21,14 +21,13 @@ from ceiling_dso_ros.fusion.metre import fields_of, first_metre, metre_of, stere
 from ceiling_dso_ros.fusion.motion import MOTION
 from ceiling_dso_ros.fusion.smoothing import step_covariances
 from ceiling_dso_ros.fusion.visual import VisualMotion
-from ceiling_dso_ros.fusion.wheel_motion import WheelMotion, WheelNoise
+from ceiling_dso_ros.fusion.wheel_motion import ANY_TURN_SIGMA, WheelMotion, WheelNoise
 
 ANCHOR_SIGMA = 1e-5  # metres and rad: odom is where the first wheel sample was taken
 FIRST_HEIGHT_M = 4.0  # of a ceiling of unknown height, with a sigma of 1: 1.5 to 11 m
 FIRST_HEIGHT_SIGMA = 1.0
 MAX_ITERATIONS = 8  # of the live estimate, which begins close to its solution
 COST_TOLERANCE = 1e-4  # half a squared sigma is 1
-ANY_TURN_SIGMA = math.pi / math.sqrt(3.0)  # rad, of a heading of which nothing is known
 STANDING_SHIFT = 0.01  # units: lower bound of the distance for the scale's drift, for keyframes without translation
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import OutputConfig
 from ceiling_dso_ros.fusion.graph import GraphEstimate
-from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, Sighting
+from ceiling_dso_ros.fusion.relative_filter import RelativeFilter, RelativeState, Sighting
 from ceiling_dso_ros.fusion.twist_filter import MeanTwist, TwistFilter
 from ceiling_dso_ros.fusion.wheel_motion import WheelNoise, WheelStep
 
@@ -64,6 +64,10 @@ class BlendedPose:
             step[:2] *= longest / length
         step[2] = max(-widest, min(widest, step[2]))
         self.pose = planar.compose(self.pose, step)
+        return self.held(target)
+
+    def held(self, target: Estimate) -> Estimate:
+        """The last pose; its covariance includes the distance to the best estimate."""
         missing = planar.between(self.pose, target.pose)
         return Estimate(self.pose, target.covariance + np.outer(missing, missing))
 
@@ -138,14 +142,35 @@ class LiveOutput:
 
     def publish(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
         """The output after a believed step: pose in odom with covariance, (2,) twist and its (2, 2) covariance."""
-        relative = self._relative.state
+        blended = self._blended.follow(planar.expmap(step.twist), step.duration_s, self._best(self._relative.state))
+        return self._published(blended), self.twist, self._twist.covariance
+
+    def hold(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
+        """The output after a time over which nothing tells of a motion; as `publish`, and nothing changes.
+
+        Args:
+            step: of that time, unknown.
+        """
+        held = self._blended.held(self._best(self._relative.after(step)))
+        return self._published(held), self.twist, self._twist.covariance_after(step.duration_s)
+
+    def _best(self, relative: RelativeState) -> Estimate:
+        """The best estimate, given the motion since the keyframe."""
         back = planar.adjoint(planar.inverse(relative.pose))
-        best = Estimate(
+        return Estimate(
             planar.compose(self._keyframe.pose, relative.pose),
             back @ self._keyframe.covariance @ back.T + relative.covariance[:3, :3],
         )
-        blended = self._blended.follow(planar.expmap(step.twist), step.duration_s, best)
+
+    def _published(self, blended: Estimate) -> Estimate:
+        """In odom, where a wrong mean radius scales the whole path."""
         covariance = planar.rotate_covariance(blended.covariance, blended.pose[2])
-        position = blended.pose[:2]  # a wrong mean radius scales the whole path
+        position = blended.pose[:2]
         covariance[:2, :2] += self._noise.config.radius_sigma**2 * np.outer(position, position)
-        return Estimate(blended.pose, covariance), self.twist, self._twist.covariance
+        return Estimate(blended.pose, covariance)
+
+
+def either(pose: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(3, 3) to add to the covariance of a (3,) pose, seen from odom, that is this one or the other."""
+    missing = np.array([*(other[:2] - pose[:2]), planar.wrap(other[2] - pose[2])])
+    return np.outer(missing, missing)

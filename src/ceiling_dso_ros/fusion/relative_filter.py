@@ -108,9 +108,13 @@ class RelativeFilter:
             if isinstance(event, Sighting):
                 self.correct(event)
 
+    def after(self, step: WheelStep) -> RelativeState:
+        """The state after a step that begins where the last ended, which is not appended."""
+        return self._predicted(self.state, step)
+
     def predict(self, step: WheelStep) -> None:
         """Append a wheel step that begins where the last ended."""
-        self._entries.append(_Entry(step, self._predicted(self.state, step)))
+        self._entries.append(_Entry(step, self.after(step)))
         oldest_ns = step.end_ns - self._history_ns
         while self._entries[0].after.stamp_ns < oldest_ns:
             self._root = self._entries.popleft().after
@@ -132,10 +136,10 @@ class RelativeFilter:
                 self._entries.append(_Entry(before, self._predicted(self.state, before)))
         self._entries.append(_Entry(sighting, self._corrected(self.state, sighting)))
         for event in reversed(later):
-            self._entries.append(_Entry(event, self._after(event)))
+            self._entries.append(_Entry(event, self._with(event)))
         return True
 
-    def _after(self, event: Union[WheelStep, Sighting]) -> RelativeState:
+    def _with(self, event: Union[WheelStep, Sighting]) -> RelativeState:
         if isinstance(event, WheelStep):
             return self._predicted(self.state, event)
         return self._corrected(self.state, event)

@@ -97,6 +97,10 @@ class TwistFilter:
         """(2, 2)."""
         return self._filter.P[:2, :2]
 
+    def covariance_after(self, time_s: float) -> np.ndarray:
+        """(2, 2) after a time over which the robot may have changed its speed as fast as it can."""
+        return self.covariance + np.diag((self._largest * time_s) ** 2)
+
     def advance(self, stamp_ns: int) -> None:
         """Go on to a stamp, nanoseconds, that is not before the last one."""
         if self._now_ns is not None and stamp_ns > self._now_ns:

@@ -16,6 +16,8 @@ from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.config import WheelConfig
 
+ANY_TURN_SIGMA = math.pi / math.sqrt(3.0)  # rad, of a heading of which nothing is known
+
 
 @dataclass(frozen=True)
 class WheelStep:
@@ -116,7 +118,9 @@ class WheelNoise:
         covariance[0, 2] = covariance[2, 0] = 0.25 * (var_right - var_left) / half_base
         if not step.known:  # any speed a robot may have, changing about every second
             sigma_m = self.config.max_speed_m_s / 3.0 * math.sqrt(step.duration_s)
-            covariance += np.diag([sigma_m, 0.1 * sigma_m, sigma_m / half_base]) ** 2
+            turn_sigma = min(sigma_m / half_base, ANY_TURN_SIGMA)
+            aside = min(math.hypot(0.1, turn_sigma / math.sqrt(3.0)), 1.0)  # of the way, by a turn at a constant rate
+            covariance += np.diag([sigma_m, aside * sigma_m, turn_sigma]) ** 2
         return covariance
 
     def sensitivity(self, twist: np.ndarray) -> np.ndarray:
