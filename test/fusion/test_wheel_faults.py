@@ -187,3 +187,16 @@ def test_what_the_wheels_counted_while_nobody_saw_is_not_lost(simulate, truth, s
         time_s = seconds(after.stamp_ns - before.stamp_ns)
         fastest_m_s = 1.5 + estimator.config.output.max_correction_m_s
         assert np.hypot(*planar.between(before.pose, after.pose)[:2]) < fastest_m_s * time_s + 0.01
+
+
+@pytest.mark.parametrize("interval_s", [0.6, 1.0])
+def test_wheels_that_count_slowly_are_not_silent(simulate, truth, interval_s):
+    """Between two of their samples nothing is invented, and what they counted is not given up for it."""
+    drive, slow = simulate("loops", 30.0, 1, truth()), []
+    for sample in drive.ticks:
+        if not slow or seconds(sample[0] - slow[-1][0]) >= interval_s:
+            slow.append(sample)
+    outputs = played(drive, slow)
+    assert outputs[-1].state is FusionState.CONVERGED
+    errors = np.array([state.pose - drive.pose_at(state.stamp_ns) for state in outputs])
+    assert np.hypot(*errors[:, :2].T).max() < 0.15

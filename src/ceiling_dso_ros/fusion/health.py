@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Determines which sensor is missing or faulty, and why."""
 
-from typing import Optional, Tuple
+from collections import deque
+from typing import Deque, Optional, Tuple
 
 from ceiling_dso_ros.dso.durations import LONG_AGO_NS, seconds
 from ceiling_dso_ros.dso.status import OdometryStatus, TrackingState
@@ -12,6 +13,7 @@ from ceiling_dso_ros.fusion.state import FusionState
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
 
 SHOWN_S = 0.5  # a slip, a jump of the scale or a restarted counter stays in the reasons for this time
+MISSING = 3  # so many usual intervals without a sample are a silence, too: some robots count slowly
 BRIEF_S = 0.25  # images without a pose for no longer than this, such as a flash, are no reason
 
 
@@ -24,10 +26,12 @@ class Health:
         self._restarted_ns = LONG_AGO_NS
         self._camera_ns = self._pose_ns = LONG_AGO_NS
         self._camera: Optional[OdometryStatus] = None
+        self._intervals_s: Deque[float] = deque(maxlen=3)  # between wheel samples; the shortest is the usual one
 
     def heard_wheels(self, step: WheelStep) -> None:
         """Take note of a wheel step."""
         self._wheels_ns = step.end_ns
+        self._intervals_s.append(step.duration_s)
         if not step.known:
             self._restarted_ns = step.end_ns
 
@@ -40,7 +44,8 @@ class Health:
 
     def wheels_silent(self, now_ns: int) -> bool:
         """No wheel sample for too long."""
-        return seconds(now_ns - self._wheels_ns) > self._config.wheels.silence_s
+        usual_s = min(self._intervals_s, default=0.0)
+        return seconds(now_ns - self._wheels_ns) > max(self._config.wheels.silence_s, MISSING * usual_s)
 
     def judge(
         self, now_ns: int, backend: KeyframeBackend, contradiction: Contradiction
