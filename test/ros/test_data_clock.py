@@ -129,3 +129,24 @@ def test_samples_that_change_places_are_late_and_no_clock():
     late_ns = [START_NS + k * STEP_NS for k in range(1, 5)]
     assert [clock.take(stamp_ns) for stamp_ns in late_ns] == [StampKind.LATE] * 4
     assert clock.take(START_NS + 6 * STEP_NS) is StampKind.NEXT
+
+
+@pytest.mark.parametrize("back_ns", [45_000_000, 100_000_000, 150_000_000, 200_000_000])
+def test_a_clock_that_is_set_back_by_less_is_known_by_stamps_that_come_in_time(back_ns):
+    """ntpd sets a clock that is wrong by 128 ms or more."""
+    clock, arrivals_ns = DataClock(), [k * STEP_NS for k in range(6)]
+    stamps_ns = [START_NS + at_ns - (back_ns if k >= 2 else 0) for k, at_ns in enumerate(arrivals_ns)]
+    kinds = [clock.take(*each) for each in zip(stamps_ns[:4], arrivals_ns)]
+    assert kinds == [StampKind.NEXT, StampKind.NEXT, StampKind.LATE, StampKind.BACK]
+    clock.set_back(stamps_ns[3], elapsed_ns=2 * STEP_NS)
+    assert [clock.take(*each) for each in zip(stamps_ns[4:], arrivals_ns[4:])] == [StampKind.NEXT] * 2
+    assert [clock.inner_ns(stamp_ns) for stamp_ns in stamps_ns[3:]] == [START_NS + k * STEP_NS for k in (3, 4, 5)]
+
+
+def test_samples_that_change_places_and_arrive_all_at_once_are_late_and_no_clock():
+    clock = DataClock()
+    clock.take(START_NS, 0)
+    clock.take(START_NS + 5 * STEP_NS, 5 * STEP_NS)
+    late_ns = [START_NS + k * STEP_NS for k in range(1, 5)]
+    assert [clock.take(stamp_ns, 5 * STEP_NS + 10**6) for stamp_ns in late_ns] == [StampKind.LATE] * 4
+    assert clock.take(START_NS + 6 * STEP_NS, 6 * STEP_NS) is StampKind.NEXT

@@ -8,7 +8,7 @@ trajectories have those of the inner clock, because a file's stamps must increas
 
 import bisect
 import enum
-from typing import List, NamedTuple, Optional
+from typing import List, NamedTuple, Optional, Tuple
 
 from ceiling_dso_ros.dso.durations import seconds
 
@@ -18,6 +18,8 @@ BACKWARDS_NS = 500_000_000  # a larger jump backwards: the clock was set back
 # A smaller one: a sample out of order, unless so many follow it in their order, and are still so late. What changes
 # places in a network does so by less.
 FOLLOWERS, STILL_LATE_NS = 3, 100_000_000
+# Or one follows it in its order and at its time: what was held up arrives all at once. By this share of the interval.
+PACE = 0.5
 
 
 class StampKind(enum.Enum):
@@ -54,7 +56,8 @@ class DataClock:
         self._eras: List[Era] = [Era(0, 0)]
         self._last_ns: Optional[int] = None  # on the inner clock
         self._interval_ns = 1
-        self._late_ns: List[int] = []  # the latest stamps, as long as they are late and in their order
+        # The latest stamps, as long as they are late and in their order, with their arrivals.
+        self._late: List[Tuple[int, Optional[int]]] = []
 
     @property
     def last_ns(self) -> Optional[int]:
@@ -69,8 +72,13 @@ class DataClock:
         """Seconds by which a stamp lies before the latest one; 0 before the first."""
         return seconds(-self.ahead_ns(stamp_ns))
 
-    def take(self, stamp_ns: int) -> StampKind:
-        """Classify a stamp; only NEXT advances the time."""
+    def take(self, stamp_ns: int, arrival_ns: Optional[int] = None) -> StampKind:
+        """Classify a stamp; only NEXT advances the time.
+
+        Args:
+            stamp_ns: of the data.
+            arrival_ns: when it was received, by a clock that is never set; None if that is not known.
+        """
         inner_ns = stamp_ns + self._eras[-1].offset_ns
         if self._last_ns is not None and inner_ns - self._last_ns > LONGEST_PAUSE_NS:
             self._begin_era(self._last_ns, stamp_ns)
@@ -78,14 +86,22 @@ class DataClock:
         if self._last_ns is None or inner_ns > self._last_ns:
             if self._last_ns is not None:
                 self._interval_ns = min(inner_ns - self._last_ns, BACKWARDS_NS)
-            self._last_ns, self._late_ns = inner_ns, []
+            self._last_ns, self._late = inner_ns, []
             return StampKind.NEXT
         if inner_ns == self._last_ns:
             return StampKind.REPEATED
-        in_order = self._late_ns and inner_ns > self._late_ns[-1]
-        self._late_ns = [*self._late_ns[-FOLLOWERS:], inner_ns] if in_order else [inner_ns]
-        follow = len(self._late_ns) > FOLLOWERS and self._last_ns - inner_ns > STILL_LATE_NS
-        return StampKind.BACK if follow or self._last_ns - inner_ns > BACKWARDS_NS else StampKind.LATE
+        in_order = self._late and inner_ns > self._late[-1][0]
+        self._late = [*self._late[-FOLLOWERS:], (inner_ns, arrival_ns)] if in_order else [(inner_ns, arrival_ns)]
+        follow = len(self._late) > FOLLOWERS and self._last_ns - inner_ns > STILL_LATE_NS
+        is_back = follow or self._last_ns - inner_ns > BACKWARDS_NS or self._late_in_time()
+        return StampKind.BACK if is_back else StampKind.LATE
+
+    def _late_in_time(self) -> bool:
+        """Whether the late stamps have arrived one by one, as they were made."""
+        (first_ns, heard_first_ns), (last_ns, heard_last_ns) = self._late[0], self._late[-1]
+        if heard_first_ns is None or heard_last_ns is None or last_ns == first_ns:
+            return False
+        return heard_last_ns - heard_first_ns >= PACE * (last_ns - first_ns)
 
     def set_back(self, stamp_ns: int, elapsed_ns: int = 0) -> None:
         """Continue from a stamp that is BACK.
@@ -98,8 +114,8 @@ class DataClock:
             self._begin_era(self._last_ns, stamp_ns, elapsed_ns)
 
     def _begin_era(self, last_ns: int, stamp_ns: int, elapsed_ns: int = 0) -> None:
-        late_ns = self._late_ns[-1] - self._late_ns[0] if self._late_ns else 0
-        self._last_ns, self._late_ns = last_ns + max(self._interval_ns + late_ns, elapsed_ns), []
+        late_ns = self._late[-1][0] - self._late[0][0] if self._late else 0
+        self._last_ns, self._late = last_ns + max(self._interval_ns + late_ns, elapsed_ns), []
         self._eras.append(Era(self._last_ns, self._last_ns - stamp_ns))
         del self._eras[:-MOST_ERAS]
 

@@ -49,7 +49,8 @@ class RunClock(DataClock):
         """
         if self.is_simulated and self._is_doubted(stamp_ns):
             return StampKind.DOUBTED
-        kind, now_ns = self.take(stamp_ns), self._now_ns()
+        now_ns = self._now_ns()
+        kind = self.take(stamp_ns, now_ns)
         elapsed_ns = now_ns - self._heard_ns
         if kind in (StampKind.NEXT, StampKind.BACK):
             self._heard_ns = now_ns
