@@ -261,14 +261,17 @@ class FusionEstimator:
         now_ns, output = self._on_wheel_clock(status.stamp_ns), self._output
         if output is None or not self._health.wheels_silent(now_ns) or now_ns <= max(self._track.end_ns, self._held_ns):
             return None
+        silent_s = seconds(now_ns - self._track.end_ns)
         sees = status.state is TrackingState.TRACKING and self._backend.scale_known
-        # If images correct it, the motion is used. Else the wheels may still tell what they counted in the meantime.
-        guess = seconds(now_ns - self._track.end_ns) * output.twist if sees else np.zeros(2)
-        step = WheelStep(self._track.end_ns, now_ns, np.array([guess[0], 0.0, guess[1]]), known=False)
+        # What images do not correct is a guess: the robot kept its velocity for a short time.
+        forward, turn = (silent_s if sees else min(silent_s, self.config.wheels.silence_s)) * output.twist
+        step = WheelStep(self._track.end_ns, now_ns, np.array([forward, 0.0, turn]), known=False)
         if sees:
             return self._advance(step)
+        # It is not added to the track: the wheels may still tell what they counted in the meantime.
+        goes_on = self._held_ns > self._track.end_ns
         self._held_ns = now_ns
-        return self._state(now_ns, *output.hold(step))
+        return self._state(now_ns, *output.hold(step, goes_on))
 
     def _use_keyframe(self, output: LiveOutput, keyframe: KeyframeEstimate, stamp_ns: int) -> None:
         covariance = next((C for image_ns, C in self._covariances if image_ns == keyframe.stamp_ns), None)

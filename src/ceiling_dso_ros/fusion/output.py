@@ -55,7 +55,7 @@ class BlendedPose:
             The pose to publish; its covariance includes the remaining distance to the target.
         """
         config = self.config
-        self.pose = planar.compose(self.pose, motion)
+        self.move(motion)
         missing = planar.between(self.pose, target.pose)
         step = (1.0 - math.exp(-dt / config.blend_s)) * missing
         length = math.hypot(step[0], step[1])
@@ -64,9 +64,13 @@ class BlendedPose:
             step[:2] *= longest / length
         step[2] = max(-widest, min(widest, step[2]))
         self.pose = planar.compose(self.pose, step)
-        return self.held(target)
+        return self.towards(target)
 
-    def held(self, target: Estimate) -> Estimate:
+    def move(self, motion: np.ndarray) -> None:
+        """Move on by (3,) of the base, without a correction."""
+        self.pose = planar.compose(self.pose, motion)
+
+    def towards(self, target: Estimate) -> Estimate:
         """The last pose; its covariance includes the distance to the best estimate."""
         missing = planar.between(self.pose, target.pose)
         return Estimate(self.pose, target.covariance + np.outer(missing, missing))
@@ -145,13 +149,16 @@ class LiveOutput:
         blended = self._blended.follow(planar.expmap(step.twist), step.duration_s, self._best(self._relative.state))
         return self._published(blended), self.twist, self._twist.covariance
 
-    def hold(self, step: WheelStep) -> Tuple[Estimate, np.ndarray, np.ndarray]:
-        """The output after a time over which nothing tells of a motion; as `publish`, and nothing changes.
+    def hold(self, step: WheelStep, goes_on: bool) -> Tuple[Estimate, np.ndarray, np.ndarray]:
+        """The output after a time over which nothing tells of a motion; as `publish`, and no estimate changes.
 
         Args:
-            step: of that time, unknown.
+            step: a guess, over all of that time.
+            goes_on: the last output was of the same time and has this motion.
         """
-        held = self._blended.held(self._best(self._relative.after(step)))
+        if not goes_on:
+            self._blended.move(planar.expmap(step.twist))
+        held = self._blended.towards(self._best(self._relative.after(step)))
         return self._published(held), self.twist, self._twist.covariance_after(step.duration_s)
 
     def _best(self, relative: RelativeState) -> Estimate:

@@ -28,7 +28,7 @@ class Fault:
         says: regular expression of what must be said; empty: nothing needs to.
         within_s: how soon it must be said.
         gap_s: longest time between two outputs.
-        jump_m: largest step of the pose beyond the motion.
+        jump_m, jump_rad: largest step of the pose beyond the motion.
         is_blind: the wheels alone carry the robot meanwhile: its error is bounded by theirs.
         losses: maps that may be lost.
         recovers_s: how soon after the fault the state must be good again.
@@ -51,6 +51,7 @@ class Fault:
     within_s: float = 1.0
     gap_s: float = GAP_S
     jump_m: float = JUMP_M
+    jump_rad: float = JUMP_RAD
     is_blind: bool = False
     losses: float = 0
     recovers_s: float = RECOVERY_S

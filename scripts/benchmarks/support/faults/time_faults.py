@@ -84,6 +84,7 @@ def jitter(live: Live) -> None:
 
 FAULTS: Dict[str, Fault] = {
     "back_a_second": Fault(GROUP, "the machine's clock is set back by 1 s", set_clock(-1.0), shifted_clock=True),
+    "back_150_ms": Fault(GROUP, "the machine's clock is set back by 0.15 s", set_clock(-0.15), shifted_clock=True),
     "back_an_hour": Fault(GROUP, "the machine's clock is set back by 1 h", set_clock(-3600.0), shifted_clock=True),
     "forward_a_second": Fault(GROUP, "the machine's clock is set forward by 1 s", set_clock(1.0), shifted_clock=True),
     "forward_an_hour": Fault(GROUP, "the machine's clock is set forward by 1 h", set_clock(3600.0), shifted_clock=True),

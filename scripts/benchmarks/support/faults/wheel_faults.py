@@ -48,6 +48,37 @@ def stuck(*sides: int) -> Callable[[Live], None]:
     return script
 
 
+def sticking(live: Live) -> None:
+    """For 6 s the encoders say the same for 0.3 s of every 0.7 s, and then what they have counted."""
+    kept: Dict[int, np.ndarray] = {}
+
+    def hold(angles: Angles) -> Iterable[Angles]:
+        period, within_s = divmod(angles.time_s, 0.7)
+        held = kept.setdefault(int(period), angles.radians.copy())
+        return [replace(angles, radians=held if within_s < 0.3 else angles.radians)]
+
+    during(6.0, hold)(live)
+
+
+def delayed_in_the_dark(live: Live) -> None:
+    """While the camera sees nothing, the wheels' samples of 1 s come all at once at its end."""
+    held: List[Angles] = []
+
+    def hold(angles: Angles) -> Iterable[Angles]:
+        held.append(angles)
+        return []
+
+    def release(angles: Angles) -> Iterable[Angles]:
+        released, held[:] = [*held, angles], []
+        return released
+
+    with live.robot.camera(lambda picture: [replace(picture, pixels=np.zeros_like(picture.pixels))]):
+        live.drive(1.6)
+        during(1.0, hold)(live)
+        with live.robot.wheels(release):
+            live.drive(0.5)
+
+
 def slipping(live: Live) -> None:
     """The left wheel turns 2 rad/s faster than it rolls for 1 s, then both go on."""
     extra = np.zeros(2)
@@ -166,6 +197,18 @@ FAULTS: Dict[str, Fault] = {
     ),
     "wheel_stuck": Fault(GROUP, "the left encoder is stuck for 3 s", stuck(0), "wheels", 1.5),
     "wheels_stuck": Fault(GROUP, "both encoders are stuck for 3 s", stuck(0, 1), "wheels", 1.5),
+    "wheels_stick": Fault(GROUP, "for 6 s both encoders stick and catch up, again and again", sticking),
+    "wheels_late_in_the_dark": Fault(
+        GROUP,
+        "in the dark, the wheels' samples of 1 s come all at once",
+        delayed_in_the_dark,
+        "silent",
+        3.0,
+        gap_s=SILENCE_GAP_S,
+        jump_rad=0.1,  # for half a second nothing tells of a turn that begins or ends
+        is_blind=True,
+        losses=1,
+    ),
     "wheel_slips": Fault(GROUP, "the left wheel slips for 1 s, by 5 rad", slipping, "slip", 1.0),
     "against_a_wall": Fault(GROUP, "the robot stands, its wheels turn for 1.5 s", against_a_wall, "wheels", 1.0),
     "standing": Fault(GROUP, "the robot stands for 5 s, no fault", standing),
