@@ -266,3 +266,51 @@ def test_a_full_disk_leaves_an_older_simulation_as_it_was(words_of, out, capsys)
         signal.signal(signal.SIGXFSZ, restore)
     assert len(lines) == 1 and "a.bag" in lines[0]
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def folder_of_recording(path):
+    path.mkdir()
+    for name in ("camera.txt", "times.txt"):
+        (path / name).write_text("kept\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "map build drive.bag other.bag --out other.bag",
+        "map build drive.bag --out link.bag",
+        "map build recording --out recording/times.txt",
+        "map info site.map --picture site.map.png --way site.map.png",
+        "reference drive.bag --out drive.bag",
+        "reference drive.tum.bag --at wanted.tum --out wanted.tum",
+        "calibrate drive.bag --out drive.bag",
+        "calibrate drive.bag --robot robot.yaml --out robot.yaml",
+        "calibrate drive.bag --camera lens/camera.txt --out lens/robot.yaml",
+        "calibrate recording --out recording/robot.yaml",
+    ],
+)
+def test_no_command_replaces_what_it_reads(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    folder_of_recording(tmp_path / "recording")
+    (tmp_path / "lens").mkdir()
+    for name in ("drive.bag", "other.bag", "drive.tum.bag", "robot.yaml", "lens/camera.txt", "site.map.png"):
+        (tmp_path / name).write_text("kept\n")
+    write_tum(tmp_path / "wanted.tum", Trajectory(np.array([1]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]])))
+    (tmp_path / "link.bag").symlink_to("drive.bag")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main(words.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert line.endswith("is what the command reads; choose another --out")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("words", [SIMULATE, ("record",)])
+def test_a_recording_that_cannot_be_made_again_is_not_replaced(tmp_path, capsys, words):
+    path = tmp_path / "drive.bag"
+    path.write_text("recorded")
+    assert main([*words, "--out", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "drive.bag: exists already" in line
+    assert path.read_text() == "recorded"

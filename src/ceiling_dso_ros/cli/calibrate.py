@@ -63,10 +63,8 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.playback.wheel_playback import wheel_steps
     from ceiling_dso_ros.settings import load_settings
 
-    camera_path = options.out.with_name(CAMERA_FILE)
-    require_output_file(options.out, [] if options.keep_lens else [CAMERA_FILE])
-    if not options.keep_lens and options.input.is_dir() and camera_path.parent.resolve() == options.input.resolve():
-        raise InputError(f"{camera_path}: is the calibration of the recording; choose an --out in another folder")
+    inputs = [options.input, options.camera, options.robot]
+    require_output_file(options.out, [] if options.keep_lens else [CAMERA_FILE], inputs)
     warnings = WarningLog(warn)
     recording = open_with(options, warnings)
     wheels, description = require_usable(recording)

@@ -65,7 +65,7 @@ def _build(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.slam.builder import SiteBuilder
     from ceiling_dso_ros.slam.map_file import write_map
 
-    require_output_file(options.out)
+    require_output_file(options.out, inputs=options.inputs)
     builder, refused = None, 0
     for path in options.inputs:
         drive = _drive(path, options)
@@ -122,12 +122,13 @@ def _info(options: argparse.Namespace) -> None:
         raise InputError(f"--way {options.way[0]}: is drawn in a picture; name its file with --picture")
     if picture is not None and picture.suffix not in FIGURE_ENDINGS:
         raise InputError(f"--picture {picture}: must end with {' or '.join(FIGURE_ENDINGS)}")
+    if picture is not None:
+        require_output_file(picture, inputs=[options.map, *options.way])
     site = read_map(options.map)
     print(f"{options.map}: {_described(site)}")
     own = site.camera.camera
     print(f"camera: {own.width}x{own.height}, fx {own.fx:.2f} px; ceiling: {_heights(site)}")
     if picture is not None:
-        require_output_file(picture)
         write_map_figure(picture, site, {path.stem: read_tum(path, warn).positions for path in options.way})
 
 

@@ -3,7 +3,7 @@
 
 import sys
 from pathlib import Path
-from typing import Iterable
+from typing import Iterable, Optional
 
 from ceiling_dso_ros.io.errors import InputError, OutputError, one_line
 from ceiling_dso_ros.io.replacing import require_writable
@@ -24,16 +24,36 @@ def require_output_folder(folder: Path, names: Iterable[str] = ()) -> None:
         raise InputError(f"{error}; choose another --out") from error
 
 
-def require_output_file(path: Path, names_beside: Iterable[str] = ()) -> None:
+def require_output_file(path: Path, names_beside: Iterable[str] = (), inputs: Iterable[Optional[Path]] = ()) -> None:
     """Try whether a file, and others in its folder, can be written; the folder must exist.
 
+    Args:
+        path: the file.
+        names_beside: of the others.
+        inputs: what the command reads, files and folders of recordings; None is nothing.
+
     Raises:
-        InputError: they cannot.
+        InputError: they cannot, or one of them is read by the command.
     """
+    names_beside = list(names_beside)
+    for read in inputs:
+        for output in (path, *(path.with_name(name) for name in names_beside)):
+            if read is not None and _is_part_of(output, read):
+                raise InputError(f"{output}: is what the command reads; choose another --out")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; choose another --out")
     if not path.exists() or path.is_file() or path.is_dir():  # else it is a device or a pipe
         require_output_folder(path.parent, [path.name, *names_beside])
+
+
+def _is_part_of(output: Path, read: Path) -> bool:
+    """Whether an output would replace an input, or a file of a recording that is a folder."""
+    from ceiling_dso_ros.io.tum_folder import FILES  # slow to import
+
+    resolved, inside = output.resolve(), read.resolve()
+    if resolved.exists() and inside.is_dir():
+        return resolved.parent == inside and resolved.name in FILES
+    return resolved == inside
 
 
 def complain(message: str) -> None:

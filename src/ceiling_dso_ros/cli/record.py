@@ -78,6 +78,8 @@ def execute(options: argparse.Namespace) -> None:
     settings = _settings(options)
     if not 0.0 <= options.duration < float("inf"):
         raise InputError(f"--duration {options.duration:g}: 0 or more")
+    if options.out.is_file():
+        raise InputError(f"{options.out}: exists already, and no recording is replaced; choose another --out")
     require_output_file(options.out)
     inbox = _Inbox()
     with closing(CameraProcess(settings, inbox.put)) as camera:

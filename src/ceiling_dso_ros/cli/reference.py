@@ -79,7 +79,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.lidar.warmup import load_kernels
 
     names = {kind: path.name for kind, path in files_beside(options.out).items()}
-    require_output_file(options.out, names.values())
+    require_output_file(options.out, names.values(), inputs=[options.input, options.at])
     wanted = None if options.at is None else read_tum(options.at)
     warnings = WarningLog(warn)
     if not options.input.exists():

@@ -128,7 +128,10 @@ def execute(options: argparse.Namespace) -> None:
         recording = SimulatedRecording(_config(options))
     except (ConfigError, EventError) as error:
         raise InputError(str(error)) from error
-    require_output_file(options.out, [path.name for path in files_beside(options.out).values()])
+    beside = files_beside(options.out)
+    if options.out.is_file() and not beside["truth"].exists():
+        raise InputError(f"{options.out}: exists already, and was not simulated; choose another --out")
+    require_output_file(options.out, [path.name for path in beside.values()])
     simulation = recording.simulation
     # disable=None: no bar where stderr is no terminal
     with _truth_beside(options.out, recording), BagWriter(options.out) as bag, tqdm(

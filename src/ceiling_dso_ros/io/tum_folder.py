@@ -30,6 +30,11 @@ from ceiling_dso_ros.io.stamps import parse_stamp
 from ceiling_dso_ros.io.text_files import increasing_stamps, place_of_line, read_table, stamps_of_file
 
 RIGHT_CAMERA = "camera_right.txt"
+# All files that a recording may have beside its images.
+FILES = (
+    "images.zip", "times.txt", "camera.txt", "pcalib.txt", "vignette.png", "encoders.csv", "robot.yaml",
+    "groundtruth.tum", RIGHT_CAMERA, "rig.yaml",
+)  # fmt: skip
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff"}
 
 

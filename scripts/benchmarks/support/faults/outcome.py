@@ -104,7 +104,7 @@ class Outcome:
             self.problems.append(f"{self.losses} maps lost")
         if fault.begins_anew:
             return
-        if not (self.jump_m <= fault.jump_m and self.jump_rad <= JUMP_RAD):
+        if not (self.jump_m <= fault.jump_m and self.jump_rad <= fault.jump_rad):
             self.problems.append(f"jump of {1e3 * self.jump_m:.0f} mm, {self.jump_rad:.3f} rad")
         limit_m = max(ERROR_M, self.wheels_m) if fault.is_blind else ERROR_M
         if not self.error_m <= limit_m:
