@@ -55,7 +55,9 @@ def test_a_robot_that_stood_is_refused_and_nothing_is_written(recording, tmp_pat
 
 def test_the_calibration_of_the_recording_is_not_replaced(recording, capsys):
     before = (recording / "camera.txt").read_text()
-    assert "camera.txt: is what the command reads; choose another --out" in refusal(capsys, recording, "--out", recording / "found.yaml")
+    assert "camera.txt: is what the command reads; choose another --out" in refusal(
+        capsys, recording, "--out", recording / "found.yaml"
+    )
     assert "drive for longer" in refusal(capsys, recording, "--out", recording / "found.yaml", "--keep-lens")
     assert (recording / "camera.txt").read_text() == before
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The launch files as roslaunch reads them: nothing is started."""
 
-import runpy
+import re
 import shlex
 from dataclasses import fields
 from pathlib import Path
@@ -19,8 +19,11 @@ from roslaunch.xmlloader import XmlLoader
 from ceiling_dso_ros.cfg import DsoConfig, FusionConfig
 from ceiling_dso_ros.dso import OdometryConfig
 from ceiling_dso_ros.fusion.config import FusionConfig as FusionSettings
+from ceiling_dso_ros.io.bag_contents import BagContents
+from ceiling_dso_ros.io.errors import InputError
 from ceiling_dso_ros.io.known_names import require_known
 from ceiling_dso_ros.io.robot_file import robot_from_values
+from ceiling_dso_ros.ros import playback_gate
 from ceiling_dso_ros.ros.node_parameters import DsoParameters, FusionParameters, SimulationParameters, WheelParameters
 from ceiling_dso_ros.settings import default_values, merge_settings
 
@@ -42,7 +45,7 @@ NOT_LAUNCHED = {
     "fusion_node": set(FusionConfig.defaults) - {"groups"},
     "simulation_node": set(),
 }
-OTHER_VALUES = {"wheel_input": "ticks", "respawn": "true"}
+OTHER_VALUES = {"wheel_input": "ticks", "respawn": "true", "required": "true"}
 
 
 def load(name, *arguments):
@@ -77,7 +80,7 @@ def state(config):
     """What is launched of the nodes that odometry and fusion have."""
     found = {name: parameter.value for name, parameter in config.params.items()}
     for node in config.nodes:
-        found[f"{node.name}/respawn"] = node.respawn
+        found[f"{node.name}/respawn"], found[f"{node.name}/required"] = node.respawn, node.required
         found.update((f"{node.name}/remap/{name}", topic) for name, topic in node.remap_args)
     return {(name, repr(value)) for name, value in found.items() if name.strip("/").split("/")[0] in NODES}
 
@@ -94,6 +97,7 @@ def another_value(argument, tmp_path):
 
 WITH_WHEELS = {"motion_prediction": "true"}  # which a dso_node by itself does not have
 PASSED_ON = sorted({argument for part in PARTS for argument in declared(part)})
+BY_ITSELF = {("playback", "required"), ("playback", "respawn")}  # one follows from the other there, see below
 
 
 @pytest.mark.parametrize("whole", WHOLES)
@@ -104,12 +108,16 @@ def test_every_argument_of_the_parts_is_one_of_the_whole_and_says_the_same(whole
             assert argument in given, argument
             assert given[argument][0] == doc
             expected = WITH_WHEELS.get(argument, default)
+            if (whole, argument) in BY_ITSELF:
+                continue
             assert given[argument][1].lstrip("/") == expected.lstrip("/")  # topics of a bag are absolute
 
 
 @pytest.mark.parametrize("argument", PASSED_ON)
 @pytest.mark.parametrize("whole", WHOLES)
 def test_every_argument_reaches_the_nodes(whole, argument, tmp_path):
+    if (whole, argument) in BY_ITSELF:
+        return
     value = another_value(argument, tmp_path)
     changed = set()
     for part in PARTS:
@@ -212,21 +220,39 @@ def test_playback_records_what_the_nodes_are_told_to_publish():
 
 
 @pytest.fixture
-def awaited_topics(monkeypatch):
-    """The topics for which playback_gate waits with arguments of playback.launch."""
-    gate = runpy.run_path(str(LAUNCH.parent / "nodes" / "playback_gate"))
+def gate(monkeypatch):
+    """Makes playback_gate with arguments of playback.launch, for a bag with some topics."""
 
-    def awaited(*arguments):
+    def make(*arguments, types=None):
         values = {name: parameter.value for name, parameter in load("playback", *arguments).params.items()}
 
         def get_param(name, default=None):
             return values.get(f"/playback_gate/{name[1:]}" if name.startswith("~") else f"/{name}", default)
 
+        def contents(path):
+            bag = BagContents.__new__(BagContents)
+            bag.path, bag.types = path, AllTopics() if types is None else types
+            return bag
+
         monkeypatch.setattr(rospy, "get_param", get_param)
         monkeypatch.setattr(rospy, "resolve_name", lambda name: f"/{name.lstrip('/')}")
-        return gate["awaited_topics"]()
+        monkeypatch.setattr(playback_gate, "BagContents", contents)
+        return playback_gate.PlaybackGate()
 
-    return awaited
+    return make
+
+
+class AllTopics(dict):
+    """Types of a bag that has every topic."""
+
+    def __contains__(self, topic):
+        return True
+
+
+@pytest.fixture
+def awaited_topics(gate):
+    """The topics for which playback_gate waits with arguments of playback.launch."""
+    return lambda *arguments: gate(*arguments).awaited
 
 
 IMAGE, WHEELS = "/camera/up/image_raw", "/joint_states"
@@ -254,3 +280,40 @@ def test_the_bag_waits_for_compressed_images_of_a_settings_file_too(awaited_topi
     settings = tmp_path / "dso.yaml"
     settings.write_text("image_transport: compressed")
     assert f"{IMAGE}/compressed" in awaited_topics(f"dso_settings:={settings}")
+
+
+OF_OTHERS = {
+    "/ceiling/image": "sensor_msgs/msg/Image",
+    "/encoders": "sensor_msgs/msg/JointState",
+    "/tf": "tf2_msgs/msg/TFMessage",
+}
+
+
+@pytest.mark.parametrize(
+    ("types", "arguments", "complaint"),
+    [
+        (OF_OTHERS, [], f"{IMAGE} is not in it; choose with the argument image; it has /ceiling/image"),
+        ({}, [], f"{IMAGE} is not in it; choose with the argument image; it has nothing of the kind"),
+        ({f"{IMAGE}/compressed": "sensor_msgs/msg/CompressedImage"}, [], "set image_transport:=compressed"),
+    ],
+)
+def test_a_bag_without_the_images_is_not_played(gate, types, arguments, complaint):
+    with pytest.raises(InputError, match=re.escape(complaint)):
+        gate("bag:=/x.bag", *arguments, types=types)
+
+
+def test_a_bag_without_the_wheels_is_played_and_that_is_said(gate, monkeypatch):
+    said = []
+    monkeypatch.setattr(rospy, "logwarn", said.append)
+    gate("bag:=/x.bag", "image:=/ceiling/image", types=OF_OTHERS)
+    (line,) = said
+    assert line.startswith("/x.bag: /joint_states is not in it: no wheels; choose with the argument joint_states")
+    assert line.endswith("it has /encoders")
+
+
+@pytest.mark.parametrize("respawn", ["true", "false"])
+def test_playback_ends_with_a_node_that_ends_unless_it_is_started_again(respawn):
+    nodes = {node.name: node for node in load("playback", f"respawn:={respawn}", "localization:=true").nodes}
+    for name in ("dso_node", "fusion_node", "wheel_odometry_node", "map_node"):
+        assert (nodes[name].required, nodes[name].respawn) == (respawn == "false", respawn == "true")
+    assert not any(node.required for node in load("ceiling_odometry").nodes)
