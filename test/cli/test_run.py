@@ -98,6 +98,19 @@ def test_with_wheels_it_fuses_and_twice_gives_the_same_bytes(wheeled_folder, com
     np.testing.assert_allclose(way_m, [39 * 52 / 4096 * 2 * np.pi * 0.1, 0, 0], atol=1e-6)
 
 
+def test_results_of_an_earlier_run_do_not_stay_beside_those_of_another(wheeled_folder, command, tmp_path):
+    """They would be judged as its own."""
+    out = tmp_path / "out"
+    assert command("run", wheeled_folder, "--out", out).returncode == 0
+    (out / "notes.txt").write_text("mine")
+    (wheeled_folder / "encoders.csv").unlink()
+    result = command("run", wheeled_folder, "--out", out)
+    assert result.returncode == 0
+    assert {path.name for path in out.iterdir()} == {*OUTPUTS, "notes.txt"}
+    for name in FUSED:
+        assert f"{out / name}: of an earlier run, was removed" in result.stderr
+
+
 def test_settings_of_the_fusion(wheeled_folder, command, tmp_path):
     fixed = ("--set", "fusion.graph.window=30", "--set", "window.active_points=300")
     assert command("run", wheeled_folder, "--out", tmp_path / "set", *fixed).returncode == 0

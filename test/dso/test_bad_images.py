@@ -52,6 +52,15 @@ def test_garbage_for_longer_than_a_second_is_a_loss_and_then_a_new_segment_start
     assert min(tracked) > max(status.keyframe_id for status in before)  # identities are never used again
 
 
+def test_after_a_gap_the_gap_is_the_reason_of_the_loss(images):
+    """Not what the image happens to lack: the camera has gone on."""
+    odometry = DirectOdometry(CAMERA, CONFIG)
+    run(odometry, images[:25])
+    late = [odometry.track(GARBAGE["white"], (25 + k) * FRAME_NS + 8_000_000_000) for k in range(2)]
+    assert [status.state for status in late] == [TrackingState.RETRYING, TrackingState.LOST]
+    assert late[-1].message.startswith("no image for 8.0 s, in which the map may have gone out of view; ")
+
+
 def test_without_patience_the_second_bad_image_is_a_loss(images):
     """The first one is not, whatever the time since the last pose: images may come seconds apart."""
     odometry = DirectOdometry(CAMERA, with_setting("tracking", patience=0.0))

@@ -251,13 +251,16 @@ def test_a_frame_that_is_named_for_nothing_is_told(path, tmp_path):
     assert "robot.yaml: its T_base_camera is used, and not the pose of lens in tf" in warnings[0]
 
 
-def test_the_times_of_images_are_those_of_their_headers_and_tell_how_late_they_were_recorded(path):
+@pytest.mark.parametrize("wrong_s", [0, -3600, 3600])
+def test_the_times_of_images_are_those_of_their_headers_and_tell_how_late_they_were_recorded(path, wrong_s):
+    """A single wrong stamp is no time of the recording: parts of it would be of another hour."""
     with BagWriter(path) as bag:
         write_info(bag)
         for index in range(30):
+            told_ns = stamp_ns(index) + (wrong_s * 10**9 if index == 3 else 0)
             image = message(
                 "sensor_msgs/Image",
-                **{"header": header(stamp_ns(index), "optical"), "height": HEIGHT, "width": WIDTH, "encoding": "mono8"},
+                **{"header": header(told_ns, "optical"), "height": HEIGHT, "width": WIDTH, "encoding": "mono8"},
                 **{"is_bigendian": 0, "step": WIDTH, "data": picture().reshape(-1)},
             )
             bag.write(IMAGE, stamp_ns(index) + 7_000_000, image)

@@ -123,12 +123,10 @@ def execute(options: argparse.Namespace) -> None:
         raise next(iter(left_out.values()))
     for reason in left_out.values():
         tell(f"{reason}; left out")
-    offsets: Dict[str, TimeOffset] = {}
-    if options.time_offset is None:
-        offsets = {
-            name: estimate_time_offset(estimate, references[reference_of(name, options)])
-            for name, estimate in estimates.items()
-        }
+    offsets = {
+        name: estimate_time_offset(estimate, references[reference_of(name, options)])
+        for name, estimate in estimates.items()
+    }
     _warn_of_offsets(offsets, options, tell)
     _warn_of_bodies(evaluations, options, tell)
     parts = [] if sigma is None else [reference_part(each, sigma) for each in evaluations]
@@ -166,11 +164,11 @@ def _evaluate(
     try:
         return evaluate_trajectory(name, estimate, references[path], kind, options.max_difference, options.interpolate)
     except EvaluationError as error:
-        advice = "" if options.time_offset is not None else _advice(estimate, references[path])
+        advice = _advice(estimate, references[path], options)
         raise InputError(f"{options.directory / name}.tum against {path}: {error}{advice}") from error
 
 
-def _advice(estimate: "Trajectory", reference: "Trajectory") -> str:
+def _advice(estimate: "Trajectory", reference: "Trajectory", options: argparse.Namespace) -> str:
     """What to do if two trajectories have no pairs because one is stamped late; empty if that is not known."""
     from ceiling_dso_ros.evaluation.time_offset import estimate_time_offset
 
@@ -178,7 +176,14 @@ def _advice(estimate: "Trajectory", reference: "Trajectory") -> str:
     if not offset.significant:
         return ""
     direction = "later" if offset.value_s > 0 else "earlier"
-    return f", or give --time-offset {offset.value_s:.3f}: the reference is stamped {direction} ({offset})"
+    return f", or give {_correction(offset, options)}: the reference is stamped {direction} ({offset})"
+
+
+def _correction(offset: "TimeOffset", options: argparse.Namespace) -> str:
+    """The option that corrects an offset, which was found after what it has corrected already."""
+    from ceiling_dso_ros.io.stamps import NANOSECONDS
+
+    return f"--time-offset {(options.time_offset or 0) / NANOSECONDS + offset.value_s:.3f}"
 
 
 def _warn_of_offsets(
@@ -193,10 +198,11 @@ def _warn_of_offsets(
         }
         if found:
             best = min(found.values(), key=lambda offset: offset.sigma_s)
+            right = _correction(best, options)
             tell(
                 f"{path}: is stamped {'later' if best.value_s > 0 else 'earlier'} than "
-                f"{', '.join(f'{name} ({offset})' for name, offset in found.items())}; nothing is corrected without "
-                f"--time-offset {best.value_s:.3f}"
+                f"{', '.join(f'{name} ({offset})' for name, offset in found.items())}; "
+                + (f"nothing is corrected without {right}" if options.time_offset is None else f"give {right} instead")
             )
 
 

@@ -4,22 +4,24 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Collection
 
 from ceiling_dso_ros.cli.outputs import complain, require_output_folder
 from ceiling_dso_ros.cli.recording_options import add_recording_options, add_set_option, open_with, visual_run, warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, require_usable
-from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
 from ceiling_dso_ros.io.interrupts import deferred_interrupt, was_interrupt
 
 if TYPE_CHECKING:
     from ceiling_dso_ros.io.recording import Recording
+    from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.lens.checking import LensCheck
     from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
     from ceiling_dso_ros.playback.playback import Playback
     from ceiling_dso_ros.slam.site_map import SiteMap
 
 MAPPED = "mapped.tum"
+FUSION_SETTINGS = "fusion.yaml"
 COMPLETE = "complete"  # how a run ends
 
 
@@ -114,8 +116,10 @@ def execute(options: argparse.Namespace) -> None:
         keep_keyframes=site is not None,
         watch=None if check is None else check.add,
     )
-    settings = {"config.yaml": config, **({} if fusion is None else {"fusion.yaml": fusion_config})}
-    require_output_folder(options.out, [*settings, *playback.files, *([] if site is None else [MAPPED])])
+    settings = {"config.yaml": config, **({} if fusion is None else {FUSION_SETTINGS: fusion_config})}
+    names = [*settings, *playback.files, *([] if site is None else [MAPPED])]
+    require_output_folder(options.out, names)
+    _remove_older(options.out, names, warnings)
     for name, values in settings.items():
         write_settings(options.out / name, values)
 
@@ -140,6 +144,25 @@ def execute(options: argparse.Namespace) -> None:
         warnings.end()
         if len(playback.timing):
             _write(playback, options.out, end)
+
+
+def _remove_older(directory: Path, names: Collection[str], warnings: "WarningLog") -> None:
+    """Remove what an earlier run has left, and this one will not replace: it would be judged as one of this run.
+
+    Raises:
+        InputError: a file cannot be removed.
+    """
+    from ceiling_dso_ros.playback.playback import OF_SOME_RUNS
+
+    for name in (*OF_SOME_RUNS, FUSION_SETTINGS, MAPPED):
+        path = directory / name
+        if name in names or not path.is_file():
+            continue
+        try:
+            path.unlink()
+        except OSError as error:
+            raise InputError(f"{path}: of an earlier run, and cannot be removed: {reason_of(error)}") from error
+        warnings.add(f"{path}: of an earlier run, was removed: this run has no such result")
 
 
 def _load_kernels(of_lens: bool) -> None:

@@ -208,7 +208,10 @@ class DirectOdometry:
 
     def _set_aside(self, frame: Frame, reason: str, timer: StageTimer) -> OdometryStatus:
         """Leave out one frame, as after a flash; give up the segment only when there was no pose for too long."""
-        if not self._segment.history.miss(frame.stamp_ns, self.config.tracking.patience):
+        history, patience = self._segment.history, self.config.tracking.patience
+        if not history.miss(frame.stamp_ns, patience):
+            if history.blind_s > patience:
+                reason = f"no image for {history.blind_s:.1f} s, in which the map may have gone out of view; {reason}"
             return self._lose(frame.stamp_ns, reason, timer)
         self._pool.release(frame.image_slot)
         return self._segment.status_without_pose(frame.stamp_ns, TrackingState.RETRYING, reason, timer)

@@ -38,6 +38,7 @@ from ceiling_dso_ros.io.second_camera import SecondCameraInBag
 from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.warning_log import ignore_warning
 
+LONGEST_DELAY_NS = 60 * 10**9  # between the stamp and the record of an image, beyond the usual: else the stamp is wrong
 TIMED_IMAGES = 20
 Moment = Tuple[int, Optional[float]]  # stamp in nanoseconds, exposure time in milliseconds
 
@@ -113,7 +114,11 @@ class BagRecording(Recording):
             with suppress(FrameError):
                 stamps_ns.append(header_stamp_ns(raw.content().header))
                 delays_ns.append(raw.stamp_ns - stamps_ns[-1])
-        return ImageTimes(min(stamps_ns), max(stamps_ns), int(np.median(delays_ns))) if stamps_ns else None
+        if not stamps_ns:
+            return None
+        delay_ns = int(np.median(delays_ns))
+        usual = [stamp for stamp, delay in zip(stamps_ns, delays_ns) if abs(delay - delay_ns) <= LONGEST_DELAY_NS]
+        return ImageTimes(min(usual), max(usual), delay_ns)
 
     @cached_property
     def second_camera(self) -> Optional[SecondCamera]:

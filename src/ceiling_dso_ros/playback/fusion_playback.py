@@ -56,6 +56,9 @@ def usable_fusion(recording: Recording, config: FusionConfig, warnings: WarningL
         raise InputError(f"{recording.path}: {error}") from error
 
 
+OF_FUSION = ("wheel.tum", "fused.tum", "fused_smoothed.tum")  # files of a run with wheels
+
+
 class FusionPlayback:
     """One run of the fusion over a recording.
 
@@ -110,7 +113,7 @@ class FusionPlayback:
 
     def files(self) -> Dict[str, Callable[[], Trajectory]]:
         """Names of files -> what makes their trajectory: base_link in odom."""
-        return {"wheel.tum": self.wheel, "fused.tum": self.fused, "fused_smoothed.tum": self.smoothed}
+        return dict(zip(OF_FUSION, (self.wheel, self.fused, self.smoothed)))
 
     @property
     def states(self) -> Sequence[FusedState]:

@@ -15,7 +15,7 @@ from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.replacing import replace_file, write_each
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.io.warning_log import CountedMessages, WarningLog
-from ceiling_dso_ros.playback.fusion_playback import FusionPlayback
+from ceiling_dso_ros.playback.fusion_playback import OF_FUSION, FusionPlayback
 from ceiling_dso_ros.playback.keyframe_recorder import KeyframeRecorder
 from ceiling_dso_ros.playback.map_recorder import MapRecorder
 from ceiling_dso_ros.playback.metric_camera import metric_camera, scale_summary
@@ -24,6 +24,7 @@ from ceiling_dso_ros.playback.visual_run import VisualRun
 from ceiling_dso_ros.slam.record_maker import NewRecord, RecordMaker
 
 METRIC = "camera_metric.tum"  # where there are two cameras and no wheels
+OF_SOME_RUNS = (*OF_FUSION, METRIC)  # files that not every run has
 
 
 class Playback:

@@ -73,10 +73,12 @@ class TrackHistory:
         affine: (2,) brightness (a, b) of the last frame.
         rmse: usual photometric error, grey levels: that of the last frame, or of the one before if it has risen
             suddenly, since that may be a bad image. Infinite before there was one.
+        blind_s: seconds from the last frame with a pose to the first one without, over which there was no image.
     """
 
     def __init__(self) -> None:
         self._poses: List[RelativePose] = []
+        self.blind_s = 0.0
         self._missed = 0  # frames without a pose since the last one with a pose
         self._doubtful: Optional[DoubtfulFrame] = None  # the frame that `doubts` was told of last
         self.affine = np.zeros(2)
@@ -102,6 +104,8 @@ class TrackHistory:
         It is if the last pose is not older than the patience, and always after a single such frame.
         """
         self._missed += 1
+        if self._missed == 1:
+            self.blind_s = self._since_last_s(stamp_ns)
         return self._missed == 1 or self._since_last_s(stamp_ns) <= patience_s
 
     def begin(self, keyframe_id: int) -> None:
