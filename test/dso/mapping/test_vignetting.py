@@ -101,6 +101,18 @@ def test_a_lens_without_vignetting_is_left_alone():
     assert estimator.vignette.coefficients == (0.0, 0.0)
 
 
+@pytest.mark.parametrize(("blocks", "measured"), [(0, 3 * BLOCK), (vignetting.SETTLED, 3)])
+def test_once_nothing_changes_one_keyframe_of_a_block_is_enough(monkeypatch, blocks, measured):
+    estimator, windows = VignetteEstimator(CAMERA, BLOCK), []
+    estimator._blocks = blocks
+    monkeypatch.setattr(estimator, "_add_keyframe", windows.append)
+    monkeypatch.setattr(estimator, "significant_change", lambda: None)
+    window = seen_window(0)
+    for _ in range(3 * BLOCK):
+        estimator.update(window)
+    assert len(windows) == measured
+
+
 def test_a_young_map_tells_nothing():
     window = seen_window(0)
     estimator = VignetteEstimator(CAMERA, block=window.count + 1)

@@ -19,6 +19,7 @@ RESIDUAL = 2 + TERMS
 PRIOR_SIGMA = 0.5  # of a coefficient: few lenses lose more than half of the light in their corners
 LEAST_PIXELS = 400  # of a pair: 50 points; fewer hardly tell its gain and offset from the vignetting
 LEAST_INFORMATION = 1e4  # of a block: a coefficient with a sigma of 0.05 where pixels err by 5 grey levels
+SETTLED = 10  # blocks without a change; from then on one keyframe of a block is enough
 CHANCE = 1e-4  # that a block changes the vignette without a reason
 NOTICEABLE = 0.5 / 128  # ln V: half a grey level of a pixel that is neither dark nor bright
 
@@ -49,7 +50,9 @@ class VignetteEstimator:
         """Learn from the newest keyframe; corrects the window's images and grey values if the vignette changes."""
         if window.count < self._block:
             return  # the map is still too rough
-        self._add_keyframe(window)
+        if self._blocks < SETTLED or self._keyframes == 0:
+            self._add_keyframe(window)
+        self._keyframes += 1
         if self._keyframes < self._block:
             return
         self.close_block()
@@ -120,7 +123,6 @@ class VignetteEstimator:
             )  # fmt: skip
             if pixels >= LEAST_PIXELS:
                 self.add_pair(total)
-        self._keyframes += 1
 
     def _correct(self, window: KeyframeWindow, change: np.ndarray) -> None:
         for slot in window.keyframes.image_slot[: window.count]:

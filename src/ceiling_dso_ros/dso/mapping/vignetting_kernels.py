@@ -20,8 +20,31 @@ from ceiling_dso_ros.dso.images.pattern import GRADIENT_WEIGHT, HUBER, PATTERN_S
 
 SHIFTS = 2  # columns before the others: x, y of the point's pattern in the target
 COLUMNS = 5  # gain, offset, c1, c2, residual
+ALL = SHIFTS + COLUMNS
 LEAST_GRADIENT2 = 1.0  # sum over the pattern, so that a direction without gradient stays solvable
 HALF = np.float32(0.5)
+
+
+@kernel
+def multiply_rows(rows: np.ndarray, products: np.ndarray) -> None:
+    """Products of the rows (7, 8) with each other, upper triangle of (7, 7)."""
+    for a in range(ALL):
+        for b in range(a, ALL):
+            total = np.float32(0.0)
+            for p in range(PATTERN_SIZE):
+                total += rows[a, p] * rows[b, p]
+            products[a, b] = total
+
+
+@kernel
+def eliminate_shifts(products: np.ndarray) -> None:
+    """Schur complement of the first two rows, in the upper triangle of (7, 7)."""
+    for shift in range(SHIFTS):
+        pivot = products[shift, shift] + LEAST_GRADIENT2
+        for a in range(shift + 1, ALL):
+            factor = products[shift, a] / pivot
+            for b in range(a, ALL):
+                products[a, b] -= factor * products[shift, b]
 
 
 @kernel
@@ -44,41 +67,34 @@ def add_pixels(
         How many pixels were used.
     """
     warp = warp_of(KRKi, Kt)
-    row, point = np.zeros(SHIFTS + COLUMNS), np.zeros((SHIFTS + COLUMNS, SHIFTS + COLUMNS))
+    rows, products = np.zeros((ALL, PATTERN_SIZE), np.float32), np.zeros((ALL, ALL))
     count = 0
     for i in range(u.size):
         if not chosen[i]:
             continue
-        point[:] = 0.0
-        point[0, 0] = point[1, 1] = LEAST_GRADIENT2
         for p in range(PATTERN_SIZE):
             x_host, y_host = u[i] + PATTERN_X[p], v[i] + PATTERN_Y[p]
             x, y, z, _ = warp_point(warp, x_host, y_host, idepth[i])
             if not in_view(x, y, z, width, height):
+                rows[:, p] = 0.0
                 continue
             value, gx, gy = sample_gradient(image, width, np.float32(x), np.float32(y))
             scaled = gain * grey[p, i]
             predicted = scaled + offset
             residual = value - predicted
             weight = HALF * (weight_host[p, i] + np.sqrt(GRADIENT_WEIGHT / (GRADIENT_WEIGHT + gx * gx + gy * gy)))
-            w = weight * weight * HUBER / max(abs(residual), HUBER)
+            root = weight * np.sqrt(HUBER / max(abs(residual), HUBER))
             host2 = ((x_host - centre[0]) ** 2 + (y_host - centre[1]) ** 2) / radius2
             target2 = ((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / radius2
-            row[0], row[1], row[2], row[3] = gx, gy, scaled, 1.0
-            row[4] = predicted * target2 - scaled * host2
-            row[5] = predicted * target2 * target2 - scaled * host2 * host2
-            row[6] = residual
-            for a in range(row.size):
-                for b in range(a, row.size):
-                    point[a, b] += w * row[a] * row[b]
+            rows[0, p], rows[1, p], rows[2, p], rows[3, p] = root * gx, root * gy, root * scaled, root
+            rows[4, p] = root * (predicted * target2 - scaled * host2)
+            rows[5, p] = root * (predicted * target2 * target2 - scaled * host2 * host2)
+            rows[6, p] = root * residual
             count += 1
-        for eliminated in range(SHIFTS):
-            for a in range(eliminated + 1, row.size):
-                factor = point[eliminated, a] / point[eliminated, eliminated]
-                for b in range(a, row.size):
-                    point[a, b] -= factor * point[eliminated, b]
+        multiply_rows(rows, products)
+        eliminate_shifts(products)
         for a in range(COLUMNS):
             for b in range(a, COLUMNS):
-                total[a, b] += point[SHIFTS + a, SHIFTS + b]
+                total[a, b] += products[SHIFTS + a, SHIFTS + b]
                 total[b, a] = total[a, b]
     return count
