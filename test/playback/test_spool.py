@@ -117,3 +117,40 @@ def test_a_base_that_cannot_be_written_is_an_error(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="directory"):
         SpoolFolder(tmp_path / "file" / "base", "dso_node")
+
+
+def test_the_results_of_a_run_stay_when_another_one_begins(tmp_path):
+    """As when a bag is played again while the node runs."""
+    folder = SpoolFolder(tmp_path, "dso_node")
+    spool = Spool(folder, LIMITS)
+    (spool.path / "dso.yaml").write_text("settings")
+    spool.clear()  # before the first one
+    spool.flush()
+    assert spool.left is None
+    spool._files["camera.tum"].append(b"first\n")
+    spool._files["frames.bin"].append(b"images")
+    spool.flush()
+    assert spool.left is None
+    spool.clear()
+    spool._files["camera.tum"].append(b"next\n")
+    spool.flush()
+    left = spool.left
+    assert (left / "camera.tum").read_bytes() == b"first\n"
+    assert (left / "frames.bin").read_bytes() == b"images"
+    assert (spool.path / "camera.tum").read_bytes() == b"next\n"
+    assert not (spool.path / "frames.bin").exists()
+    assert (left / "dso.yaml").read_text() == (spool.path / "dso.yaml").read_text() == "settings"
+    spool.flush()
+    assert spool.left is None
+    spool.remove()
+    assert SpoolFolder(tmp_path, "dso_node").left_over == [left]
+
+
+def test_what_runs_leave_does_not_fill_the_disk(tmp_path):
+    spool = Spool(SpoolFolder(tmp_path, "dso_node", left_over_limit=50), LIMITS)
+    for _ in range(10):
+        spool._files["camera.tum"].append(b"1 0 0 0 0 0 0 1\n")
+        spool.flush()
+        spool.clear()
+        spool.flush()
+    assert len(list(tmp_path.iterdir())) == 1 + 3

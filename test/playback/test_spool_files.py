@@ -10,7 +10,7 @@ from ceiling_dso_ros.fusion.config import FusionConfig
 from ceiling_dso_ros.io.rolling_file import old_part
 from ceiling_dso_ros.playback.fusion_spool import FusionSpool
 from ceiling_dso_ros.playback.spool import SpoolFolder
-from ceiling_dso_ros.playback.spool_files import is_spool, write_all, write_all_apart, write_copies
+from ceiling_dso_ros.playback.spool_files import is_spool, set_aside, write_all, write_all_apart, write_copies
 
 LINE = b"1.000000000 0.0 0.0 0.0 0.0 0.0 0.0 1.0\n"
 
@@ -93,3 +93,19 @@ def test_what_is_a_spool(kept, tmp_path):
     assert is_spool(kept)
     assert not is_spool(tmp_path)
     assert not is_spool(kept / "wheel.tum")
+
+
+def test_what_another_run_has_written_is_not_replaced(kept, out):
+    """A node that was started again ends with the same folder."""
+    (kept / "fused.tum").write_bytes(2 * LINE)
+    assert set_aside(kept, out) is None
+    write_all(kept, out)
+    assert set_aside(kept, out) is None  # it is of this run
+    for number in (1, 2):
+        (kept / "fused.tum").write_bytes(LINE.replace(b"1.000000000", b"%d.000000000" % (number + 1)))
+        (out / "camera.tum").write_bytes(LINE)  # of another node
+        assert set_aside(kept, out) == out / f"before.{number}"
+        assert names(out / f"before.{number}") == ["fused.tum", "fused_smoothed.tum", "wheel.tum"]
+        write_all(kept, out)
+    assert (out / "before.1" / "fused.tum").read_bytes() == 2 * LINE
+    assert names(out) == ["before.1", "before.2", "camera.tum", "fused.tum", "fused_smoothed.tum", "wheel.tum"]

@@ -9,13 +9,15 @@ import threading
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Dict, Iterator, List, Mapping, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Tuple
 
 from ceiling_dso_ros.io.errors import OutputError, reason_of
 from ceiling_dso_ros.io.replacing import replace_file
 from ceiling_dso_ros.io.rolling_file import RollingFile
 
 MEGABYTE = 10**6
+LOCK = "lock"
+KEPT_BY_ALL = ".yaml"  # settings, which later runs of the same node have, too
 
 
 class SpoolFolder:
@@ -42,12 +44,43 @@ class SpoolFolder:
             OSError: it cannot be made.
         """
         base.mkdir(parents=True, exist_ok=True)
+        self._base, self._name, self._limit = base, name, left_over_limit
         self.left_over, self.given_up = _keep_newest(base, name, left_over_limit)
-        self.path = base / f"{name}.{time.strftime('%Y%m%d-%H%M%S')}.{os.getpid()}.spool"
-        self.path.mkdir()
-        self._lock = (self.path / "lock").open("w")
+        self.path = self._new_folder()
+        self._lock = (self.path / LOCK).open("w")
         with suppress(OSError):  # a file system without locks
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def leave_results(self) -> Optional[Path]:
+        """Another run begins: leave the results so far in a folder of their own, as a run does that is killed.
+
+        Returns:
+            The folder; None if there are no results.
+
+        Raises:
+            OSError: the disk does not take it.
+        """
+        if not _has_results(self.path):
+            return None
+        left = self._new_folder()
+        for path in self.path.iterdir():
+            if path.name.endswith(KEPT_BY_ALL):
+                shutil.copy(path, left)
+            elif path.name != LOCK:
+                path.rename(left / path.name)
+        _keep_newest(self._base, self._name, self._limit)
+        return left
+
+    def _new_folder(self) -> Path:
+        number = os.getpid()
+        while True:
+            path = self._base / f"{self._name}.{time.strftime('%Y%m%d-%H%M%S')}.{number}.spool"
+            try:
+                path.mkdir()
+            except FileExistsError:  # of the same second
+                number += 1
+            else:
+                return path
 
     def remove(self) -> None:
         """End of the run."""
@@ -70,7 +103,7 @@ def _keep_newest(base: Path, name: str, limit: int) -> Tuple[List[Path], List[Pa
 
 def _is_in_use(folder: Path) -> bool:
     try:
-        with (folder / "lock").open("r+") as lock:
+        with (folder / LOCK).open("r+") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except FileNotFoundError:
         return False
@@ -93,12 +126,15 @@ class Spool:
     Attributes:
         path: the folder.
         complaint: why results were not kept by the last flush, in words; empty when they were.
+        left: the folder in which the last flush has left the results of an earlier run; None if it has not.
     """
 
     def __init__(self, folder: SpoolFolder, limits: Mapping[str, int]) -> None:
         """Begin; limits: file name -> largest size in bytes, beyond which the oldest results are given up."""
         self.path = folder.path
         self.complaint = ""
+        self.left: Optional[Path] = None
+        self._another_run = False
         self._folder = folder
         self._files: Dict[str, RollingFile] = {n: RollingFile(self.path / n, limit) for n, limit in limits.items()}
         self._disk = threading.Lock()
@@ -111,7 +147,8 @@ class Spool:
         return self._never_collected + sum(file.lost for file in self._files.values())
 
     def clear(self) -> None:
-        """Forget all results."""
+        """Another run begins: with the next flush, the results so far are left in a folder of their own."""
+        self._another_run = True
         for file in self._files.values():
             file.clear()
 
@@ -157,8 +194,15 @@ class Spool:
         """Append what is not yet in the form of the files."""
 
     def _flush(self) -> None:
-        self._collect()
         complaints: List[str] = []
+        self.left = None
+        if self._another_run:
+            self._another_run = False
+            try:
+                self.left = self._folder.leave_results()
+            except OSError as error:
+                complaints.append(f"{self.path}: cannot keep the run before: {reason_of(error)}")
+        self._collect()
         for file in self._files.values():
             try:
                 file.flush()

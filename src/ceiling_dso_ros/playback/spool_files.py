@@ -6,20 +6,25 @@ ceiling_dso_ros.playback.spool_files SPOOL DIR`: the arrays and the lines of a w
 threads from running for longer than a robot may wait for its pose.
 """
 
+import itertools
 import json
 import os
 import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Callable, Dict, List, Mapping, Sequence
+from typing import BinaryIO, Callable, Dict, List, Mapping, Optional, Sequence
 
 from ceiling_dso_ros.io.errors import InputError, OutputError, reason_of
 from ceiling_dso_ros.io.replacing import replacing, write_each
+from ceiling_dso_ros.io.rolling_file import read_rolling
 from ceiling_dso_ros.playback.spool_records import Tell, read_pose_lines
 
 # From a spool into a file; is told what is left out, and returns the number of poses.
 Writer = Callable[[Path, BinaryIO, Tell], int]
+# Files of a node, the first one as it is kept.
+OF_FUSION = ("fused.tum", "wheel.tum", "fused_smoothed.tum")
+OF_CAMERA = ("camera.tum", "keyframes.tum", "camera_final.tum")
 NICENESS = 19  # of the process, the largest: nodes come first
 
 
@@ -66,6 +71,41 @@ def write_all(spool: Path, directory: Path) -> Written:
     written = write_copies(spool, directory)
     computed = write_computed(spool, directory)
     return Written({**written.poses, **computed.poses}, [*written.errors, *computed.errors])
+
+
+def set_aside(spool: Path, directory: Path) -> Optional[Path]:
+    """Move what another run of the node has written to a folder of its own, so that it is not replaced.
+
+    Args:
+        spool: of the present run.
+        directory: that will be written to.
+
+    Returns:
+        The folder, DIRECTORY/before.N; None if there is nothing of another run.
+
+    Raises:
+        OutputError: it cannot be moved.
+    """
+    names = OF_FUSION if _is_of_fusion(spool) else OF_CAMERA
+    written = directory / names[0]
+    if not written.is_file() or _first_line(written) == _first_line(spool / names[0]):
+        return None
+    numbered = (directory / f"before.{number}" for number in itertools.count(1))
+    folder = next(folder for folder in numbered if not any((folder / name).exists() for name in names))
+    try:
+        folder.mkdir(exist_ok=True)
+        for name in names:
+            if (directory / name).is_file():
+                (directory / name).rename(folder / name)
+    except OSError as error:
+        reason = f"cannot move the trajectories of an earlier run there: {reason_of(error)}"
+        raise OutputError(f"{folder}: {reason}") from error
+    return folder
+
+
+def _first_line(path: Path) -> bytes:
+    """Of a file that may be rolling; of two runs, it differs."""
+    return next(read_rolling(path), b"").split(b"\n")[0]
 
 
 def write_copies(spool: Path, directory: Path) -> Written:

@@ -10,11 +10,12 @@ import rospy
 
 from ceiling_dso_ros.io.errors import InputError, OutputError, one_line, reason_of
 from ceiling_dso_ros.playback.spool import MEGABYTE, Spool, SpoolFolder
-from ceiling_dso_ros.playback.spool_files import Written, write_all, write_all_apart
+from ceiling_dso_ros.playback.spool_files import Written, set_aside, write_all, write_all_apart
 from ceiling_dso_ros.ros import parameters
 from ceiling_dso_ros.ros.periodic import Periodic
 from ceiling_dso_ros.srv import SaveTrajectory, SaveTrajectoryRequest, SaveTrajectoryResponse
 
+COLLECT = "python3 -m ceiling_dso_ros collect {} --out DIR writes them; then remove the folder"
 FLUSH_PERIOD_S = 1.0  # what is lost when the node is killed
 
 AnySpool = TypeVar("AnySpool", bound=Spool)
@@ -86,7 +87,7 @@ class TrajectoryKeeper(Generic[AnySpool]):
         return 0 if self.spool is None else self.spool.lost
 
     def clear(self) -> None:
-        """Forget all results: a new run begins."""
+        """A new run begins; the results of the one before stay in a folder of their own."""
         if self.spool is not None:
             self.spool.clear()
 
@@ -98,6 +99,9 @@ class TrajectoryKeeper(Generic[AnySpool]):
         """
         if self._directory is not None:
             try:  # here, because no output is waited for any more, and another process would take a second to start
+                earlier = None if self.spool is None else set_aside(self.spool.path, self._directory)
+                if earlier is not None:
+                    print(f"{self._directory}: trajectories of an earlier run are in {earlier} now")
                 print(self._save(self._directory, write_all))
             except (InputError, OutputError) as error:
                 kept = "" if self.spool is None else f"; what was kept stays in {self.spool.path}"
@@ -110,6 +114,8 @@ class TrajectoryKeeper(Generic[AnySpool]):
         if self.spool is None:
             return
         self.spool.flush()
+        if self.spool.left is not None:
+            rospy.logwarn(f"the run before has left its trajectories: {COLLECT.format(self.spool.left)}")
         complaint = self.spool.complaint
         if complaint and complaint not in self._told:
             self._told.add(complaint)
@@ -147,7 +153,7 @@ class TrajectoryKeeper(Generic[AnySpool]):
             rospy.logwarn(self._failure)
             return None
         for left in folder.left_over:
-            rospy.logwarn(f"a run that was killed has left its trajectories: ceiling-dso collect {left} --out DIR")
+            rospy.logwarn(f"a run that was killed has left its trajectories: {COLLECT.format(left)}")
         for path in folder.given_up:
             rospy.logwarn(f"{path}: was removed: runs that were killed have left more than trajectory_limit_mb")
         return spool
