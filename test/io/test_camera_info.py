@@ -66,6 +66,8 @@ def test_rectified_images_are_those_of_P():
         ({"distortion_model": "equidistant", "D": []}, "0 coefficients in D instead of 4 for equidistant"),
         ({"distortion_model": "", "D": [0.1] * 4}, "4 coefficients in D instead of 5 or 8 for an unnamed distortion"),
         ({"D": [0.1] * 14}, "14 coefficients in D instead of 4, 5 or 8 for plumb_bob"),
+        ({"K": [1.0, 0, 425.3, 0, 1.0, 236.4, 0, 0, 1]}, "fx=1 fy=1 cannot be those of an image of 848x480"),
+        ({"K": [425.3, 0, 425.3, 0, 42490.0, 236.4, 0, 0, 1]}, "fx=425.3 fy=42490 cannot be those of an image"),
         ({"K": [425.3, 0, 900.0, 0, 424.9, 236.4, 0, 0, 1]}, "the principal point (900, 236.4) is outside the image"),
         (
             {"roi": Window(800, 0, 100, 100)},

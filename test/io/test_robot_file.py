@@ -51,7 +51,7 @@ def test_the_mount_may_come_from_elsewhere_but_the_file_counts(tmp_path):
         (ROBOT.replace("4096", "no"), "ticks_per_turn must be a positive number, not False"),
         (ROBOT.replace("4096", "many"), "ticks_per_turn must be a positive number, not many"),
         (ROBOT.replace("[0.098, 0.099]", "0.098"), "wheel_radius must be 2 positive numbers, not 0.098"),
-        (ROBOT.replace("wheel_base", "# wheel_base"), "wheel_base must be a positive number, not None"),
+        (ROBOT.replace("wheel_base", "# wheel_base"), "wheel_base is missing"),
         (ROBOT.replace("wheel_base", "whel_base"), "whel_base is unknown; did you mean wheel_base?"),
         (ROBOT + MOUNT.replace("quat_xyzw", "quat_xyz"), "T_base_camera.quat_xyz is unknown; did you mean T_base"),
         (ROBOT.replace("0.485", "on"), "wheel_base must be a positive number, not True"),

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ceiling_dso_ros.io.camera_models import CameraCalibration
 from ceiling_dso_ros.io.errors import InputError
-from ceiling_dso_ros.io.lens_models import LensCamera, check_principal_point
+from ceiling_dso_ros.io.lens_models import LensCamera, check_whole_sensor
 from ceiling_dso_ros.io.output_camera import crop_camera
 
 BROWN_COUNTS, FISHEYE_COUNTS = (4, 5, 8), (4,)  # of coefficients
@@ -90,7 +90,7 @@ def calibration_from_camera_info(
     model, distortion = ("Pinhole", ()) if rectified else _lens(distortion_model, D, source)
     try:
         whole = LensCamera(model, fx, fy, cx, cy, distortion, width, height)
-        check_principal_point(whole)
+        check_whole_sensor(whole)
     except ValueError as error:
         raise InputError(f"{source}: {error}; is the camera calibrated?") from error
     try:

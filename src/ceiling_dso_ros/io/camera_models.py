@@ -9,7 +9,7 @@ import numpy as np
 
 from ceiling_dso_ros.dso.geometry.camera import PinholeCamera
 from ceiling_dso_ros.io.errors import FrameError, InputError
-from ceiling_dso_ros.io.lens_models import LensCamera, check_principal_point
+from ceiling_dso_ros.io.lens_models import LensCamera, check_whole_sensor
 from ceiling_dso_ros.io.limits import MOST_PIXELS
 from ceiling_dso_ros.io.output_camera import crop_camera, full_camera
 from ceiling_dso_ros.io.text_files import read_lines
@@ -122,7 +122,7 @@ def _parse_lens(line: str, size: Tuple[int, int], where: str) -> LensCamera:
         name, distortion = "Pinhole", ()
     try:
         lens = LensCamera(name, *_in_pixels(numbers[:4], size), distortion, *size)
-        check_principal_point(lens)
+        check_whole_sensor(lens)
     except ValueError as error:
         raise InputError(f"{where}: {error}; {expected}") from error
     return lens

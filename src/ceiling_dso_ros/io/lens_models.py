@@ -18,6 +18,9 @@ Coordinates = Tuple[np.ndarray, np.ndarray]
 # Rays at a larger angle to the optical axis are not used: at a depth of 1 the pinhole image would be 11 wide.
 MAX_ANGLE = np.radians(80.0)
 
+# Of the side of an image: a fisheye with 200 degrees has 0.29, and a lens with 2 degrees sees 4 cm of a ceiling.
+SHORTEST_FOCAL, LONGEST_FOCAL = 0.15, 30.0
+
 
 @dataclass(frozen=True)
 class LensCamera:
@@ -86,12 +89,18 @@ class LensCamera:
         return float(radii[folds[0]] if len(folds) else radii[-1])
 
 
-def check_principal_point(lens: LensCamera) -> None:
-    """Refuse a camera whose image does not show its optical axis, as the image of a whole sensor does.
+def check_whole_sensor(lens: LensCamera) -> None:
+    """Refuse what cannot be the camera of a whole sensor: no lens has such a focal length, or its axis is not in view.
 
     Raises:
         ValueError: saying so.
     """
+    for focal, side in ((lens.fx, lens.width), (lens.fy, lens.height)):
+        if not SHORTEST_FOCAL * side <= focal <= LONGEST_FOCAL * side:
+            raise ValueError(
+                f"the focal lengths fx={lens.fx:g} fy={lens.fy:g} cannot be those of an image of "
+                f"{lens.width}x{lens.height}"
+            )
     if not (0 < lens.cx < lens.width - 1 and 0 < lens.cy < lens.height - 1):
         raise ValueError(
             f"the principal point ({lens.cx:g}, {lens.cy:g}) is outside the image of {lens.width}x{lens.height}"
