@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+import itertools
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,9 @@ from ceiling_dso_ros.io.bag_writer import BagWriter
 from ceiling_dso_ros.io.trajectory import read_tum
 
 
-def published(path, topic):
+def published(path, *topics):
     with BagWriter(path) as writer:
-        for second in range(1, 4):
+        for topic, second in itertools.product(topics, range(1, 4)):
             writer.odometry(topic, second * 10**9, "odom", "base_link", np.eye(4), np.zeros(3), np.zeros(3))
     return path
 
@@ -30,7 +32,25 @@ def test_other_topics_can_be_named(tmp_path):
 def test_bag_without_poses_is_refused(tmp_path, capsys):
     bag = published(tmp_path / "published.bag", "/elsewhere")
     assert main(["collect", str(bag), "--out", str(tmp_path)]) == 2
-    assert str(bag) in capsys.readouterr().err
+    complaint = capsys.readouterr().err
+    assert f"{bag}: no poses on /visual_odometry/pose, " in complaint
+    assert "it has others on /elsewhere, choose with --fused-topic" in complaint
+
+
+def test_what_has_no_poses_is_said_where_other_topics_have(tmp_path, capsys):
+    bag = published(tmp_path / "published.bag", "/odometry/filtered", "/robot/odom")
+    assert main(["collect", str(bag), "--out", str(tmp_path / "out")]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no camera.tum, wheel.tum, mapped.tum: no poses on /visual_odometry/pose" in line
+    assert "it has others on /robot/odom, choose with" in line
+
+
+def test_folders_that_are_not_that_of_a_node(tmp_path, capsys):
+    for name in ("fusion_node.20260101-000000.1.spool", "fusion_node.20260101-000000.2.spool"):
+        (tmp_path / "kept" / name).mkdir(parents=True)
+    for folder, complaint in ((tmp_path / "kept", "give one of them: "), (tmp_path, "whose name ends with .spool")):
+        assert main(["collect", str(folder), "--out", str(tmp_path / "out")]) == 2
+        assert complaint in capsys.readouterr().err
 
 
 def test_the_folder_of_a_node_that_was_killed(tmp_path, capsys):

@@ -6,6 +6,7 @@ from typing import Callable, Counter, Dict, List, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.io.bag_contents import BagContents
 from ceiling_dso_ros.io.bag_reader import read_messages
 from ceiling_dso_ros.io.errors import FrameError, InputError
 from ceiling_dso_ros.io.ros_messages import RosMessage, header_stamp_ns, pose_matrix
@@ -18,6 +19,15 @@ POSE_OF: Dict[str, Callable[[RosMessage], RosMessage]] = {
     "geometry_msgs/msg/PoseStamped": lambda message: message.pose,
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
 }
+
+
+def pose_topics(path: Path) -> List[str]:
+    """Topics of a bag whose messages have a pose, sorted.
+
+    Raises:
+        InputError: the bag cannot be read.
+    """
+    return BagContents(path).of_type(*POSE_OF)
 
 
 def read_trajectories(

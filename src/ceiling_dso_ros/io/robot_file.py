@@ -80,10 +80,12 @@ def robot_values(robot: RobotDescription) -> Dict[str, Any]:
 
 
 def _positive_numbers(values: Mapping, key: str, count: int, source: str) -> Sequence[float]:
-    numbers = _numbers(values.get(key), count)
+    if key not in values:
+        raise InputError(f"{source}: {key} is missing")
+    numbers = _numbers(values[key], count)
     if numbers is None or min(numbers) <= 0:
         expected = "a positive number" if count == 1 else f"{count} positive numbers"
-        raise InputError(f"{source}: {key} must be {expected}, not {values.get(key)}")
+        raise InputError(f"{source}: {key} must be {expected}, not {values[key]}")
     return numbers
 
 

@@ -92,7 +92,7 @@ def misfit(found: FoundDrive, lens: LensCamera) -> Optional[str]:
         if is_far
     ]
     return (
-        f"the camera's calibration does not fit its images; they tell {', '.join(parts)} beside it: `calibrate` "
+        f"the camera's calibration does not fit its images, which differ from it by {', '.join(parts)}: `calibrate` "
         "finds the lens together with the mounting"
     )
 

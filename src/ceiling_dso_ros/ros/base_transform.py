@@ -67,7 +67,7 @@ class BaseTransform:
             if transform.child_frame_id.lstrip("/") == self._base_frame:
                 self.complaint = one_line(
                     f"{sender} publishes {transform.header.frame_id[:100]} -> {self._base_frame} already: no tf from "
-                    "here; switch that off, or set ~tf_mode to correction"
+                    "here; switch that off, or set ~tf_mode to correction, and start this node again"
                 )
                 rospy.logerr(self.complaint)
                 return

@@ -94,7 +94,6 @@ class FusionServer:
 
         self._lock = threading.Lock()
         self._keeper = TrajectoryKeeper(own, self._begin_spool, self._newest_results)
-        self._keep = self._keeper.spool is not None
         self._wheels, self._images = diagnostics.Stream(own.silence), diagnostics.Stream(own.silence)
         self._clock = RunClock()  # clock of the wheels, to which the images' stamps are converted
         self._order = ImageOrder(self._clock.is_simulated)
@@ -104,7 +103,7 @@ class FusionServer:
         self._mount = CameraMount(self._base_frame, own.camera_frame, robot.T_base_camera if has_camera else None)
         self._camera_known = has_camera
         self._camera_offset_ns = nanoseconds(robot.camera_time_offset_s)
-        self._estimator = FusionEstimator(robot, self._config, keep_history=self._keep)
+        self._estimator = FusionEstimator(robot, self._config, keep_history=self._keeper.spool is not None)
         self._publisher = FusionPublisher(self._odom_frame, self._base_frame)
         self._map = MetricMap(self._odom_frame)
         self._transform = BaseTransform(own.tf_mode if own.publish_tf else "none", self._odom_frame, self._base_frame)
@@ -195,6 +194,7 @@ class FusionServer:
             if self._order.is_usable(on_wheel_clock_ns, self._clock.last_ns, self._images.complain):
                 self._take_in(status, message.header.stamp, start_s)
             elif self._order.disagrees:
+                rospy.logwarn_throttle(10.0, one_line(self._order.apart))
                 self._visual.distrust(message)
                 self._check_clocks(status)
 

@@ -88,7 +88,7 @@ class ImageOrder:
             complain("an image that is far ahead of the wheels")
             return False
         if self.disagrees:
-            complain("an image by a clock that was set, other than that of the wheels, or the other way round")
+            complain("an image while its clock does not agree with that of the wheels")
             return False
         # Where the clock has been set back, images may come before the wheels tell by how much.
         if self._last_ns is not None and stamp_ns <= self._last_ns <= wheels_ns + CAMERA_AHEAD_NS:

@@ -2,6 +2,7 @@
 """Runs a node; common to all executables."""
 
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from typing import Callable, Iterator
@@ -10,6 +11,8 @@ import rospy
 
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.io.errors import InputError, OutputError
+
+NO_CLOCK_S = 10.0  # a playback begins later than the nodes
 
 
 def run_node(name: str, make_server: Callable) -> int:
@@ -20,6 +23,9 @@ def run_node(name: str, make_server: Callable) -> int:
         make_server: gives an object with `spin()`, or raises InputError where a parameter is wrong.
     """
     rospy.init_node(name)
+    watch = threading.Timer(NO_CLOCK_S, _warn_without_clock)
+    watch.daemon = True
+    watch.start()
     try:
         make_server().spin()
     except (InputError, OutputError) as error:
@@ -29,6 +35,15 @@ def run_node(name: str, make_server: Callable) -> int:
             rospy.logfatal("%s", error)
         return 2
     return 0
+
+
+def _warn_without_clock() -> None:
+    """Say that time stands still: the parameter of a playback that has ended stays on the master."""
+    if time_is_simulated() and rospy.get_time() == 0.0 and not rospy.is_shutdown():
+        rospy.logwarn(
+            "/use_sim_time is true, but nobody publishes /clock, so that time stands still; on a robot: rosparam set "
+            "/use_sim_time false, and start the nodes again; with a bag: rosbag play --clock"
+        )
 
 
 @contextmanager
