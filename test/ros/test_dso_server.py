@@ -37,7 +37,8 @@ class CameraDrive:
         self._pixels = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
 
     def calibrate(self, width=WIDTH, height=HEIGHT):
-        K = [100.0, 0.0, width / 2, 0.0, 100.0, height / 2, 0.0, 0.0, 1.0]
+        fx, fy = max(100.0, width / 2), max(100.0, height / 2)
+        K = [fx, 0.0, width / 2, 0.0, fy, height / 2, 0.0, 0.0, 1.0]
         info = CameraInfo(width=width, height=height, K=K, distortion_model="plumb_bob", D=[0.0] * 5)
         self.world.callbacks["camera_info"](info)
 

@@ -253,7 +253,7 @@ def test_a_run_that_was_killed_is_pointed_to(rosless, ros_home):
     (left / "fused.tum").write_text("1.0 0 0 0 0 0 0 1\n")
     world = rosless(robot=ROBOT)
     FusionServer()
-    assert [line for line in world.logged if f"ceiling-dso collect {left} --out" in line]
+    assert [line for line in world.logged if f"python3 -m ceiling_dso_ros collect {left} --out" in line]
 
 
 def test_an_error_with_one_message_concerns_that_message_only(fusion, monkeypatch):
