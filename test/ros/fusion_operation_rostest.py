@@ -144,7 +144,7 @@ class FusionOperation(DrivingRobot):
         self.recent(3.0)
         base = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "ceiling_dso_ros"
         pid = pid_of("/fusion_node")
-        (kept,) = base.glob(f"fusion_node.*.{pid}.spool")
+        kept = min(base.glob(f"fusion_node.*.{pid}.spool"))  # later ones are of runs that were ended by ~reset
         self.addCleanup(shutil.rmtree, kept)
         os.kill(pid, signal.SIGKILL)
         first = len(self.listener.scales)
