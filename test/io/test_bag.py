@@ -268,6 +268,22 @@ def test_the_times_of_images_are_those_of_their_headers_and_tell_how_late_they_w
     assert (times.first_ns, times.last_ns, times.delay_ns) == (stamp_ns(0), stamp_ns(29), 7_000_000)
 
 
+def test_of_images_whose_stamps_are_hours_apart_some_are_used(path):
+    with BagWriter(path) as bag:
+        write_info(bag)
+        for index in range(2):
+            image = message(
+                "sensor_msgs/Image",
+                **{"header": header(stamp_ns(index) - index * 7200 * 10**9, "optical")},
+                **{"height": HEIGHT, "width": WIDTH, "encoding": "mono8", "is_bigendian": 0, "step": WIDTH},
+                data=picture().reshape(-1),
+            )
+            bag.write(IMAGE, stamp_ns(index), image)
+    times = open_recording(path).image_times()
+    assert times.first_ns == times.last_ns
+    assert times.first_ns in (stamp_ns(0), stamp_ns(1) - 7200 * 10**9)
+
+
 def test_files_beside_the_bag_belong_to_it(path, tmp_path):
     with BagWriter(path) as bag:
         write_info(bag)

@@ -5,6 +5,7 @@ from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
+from statistics import median_low
 from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
@@ -116,7 +117,7 @@ class BagRecording(Recording):
                 delays_ns.append(raw.stamp_ns - stamps_ns[-1])
         if not stamps_ns:
             return None
-        delay_ns = int(np.median(delays_ns))
+        delay_ns = median_low(delays_ns)  # that of an image
         usual = [stamp for stamp, delay in zip(stamps_ns, delays_ns) if abs(delay - delay_ns) <= LONGEST_DELAY_NS]
         return ImageTimes(min(usual), max(usual), delay_ns)
 
