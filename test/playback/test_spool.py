@@ -154,3 +154,5 @@ def test_what_runs_leave_does_not_fill_the_disk(tmp_path):
         spool.clear()
         spool.flush()
     assert len(list(tmp_path.iterdir())) == 1 + 3
+    (given_up,) = spool.folder.given_up  # with the last run that was left
+    assert not given_up.exists()

@@ -4,7 +4,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Collection
+from typing import TYPE_CHECKING, Collection, List, Mapping, NamedTuple, Optional
 
 from ceiling_dso_ros.cli.outputs import complain, require_output_folder
 from ceiling_dso_ros.cli.recording_options import add_recording_options, add_set_option, open_with, visual_run, warn
@@ -77,15 +77,75 @@ def execute(options: argparse.Namespace) -> None:
     """
     from tqdm import tqdm
 
+    from ceiling_dso_ros.io.warning_log import WarningLog
+    from ceiling_dso_ros.settings import write_settings
+
+    warnings = WarningLog(warn)
+    run = _prepare(options, warnings)
+    require_output_folder(options.out, run.files)
+    for name, values in run.settings.items():
+        write_settings(options.out / name, values)
+
+    _load_kernels(of_lens=run.check is not None)
+    end = COMPLETE
+    try:
+        # disable=None: no bar where stderr is no terminal
+        total = len(run.recording) if run.frame_rate == 0.0 else None
+        wheels = None if run.fusion is None else run.recording.wheels
+        listed = run.recording.frames(run.frame_rate or 0.0, wheels, run.playback.leaves_out)
+        with tqdm(listed, total=total, unit="frame", disable=None) as frames:
+            run.playback.play(frames)
+        _explain_missing_poses(run.playback, run.recording, run.fusion is not None)
+        if run.check is not None:
+            _warn_of_lens(run.check, run.playback, run.recording)
+        if run.site is not None and run.fusion is not None:
+            _write_mapped(options, run.site, run.playback, run.fusion)
+    except BaseException as error:
+        end = "interrupted" if was_interrupt(error) else f"failed: {type(error).__name__}: {error}"
+        raise
+    finally:
+        warnings.end()
+        if len(run.playback.timing):
+            _write(run, options.out, end)
+
+
+class _Run(NamedTuple):
+    """What a run needs; None is what it does not have.
+
+    Attributes:
+        recording, site, fusion, check, playback: see their classes.
+        settings: name of a file -> values that are written to it.
+        frame_rate: images a second, 0 for all; None for as many as the motion asks for.
+    """
+
+    recording: "Recording"
+    site: "Optional[SiteMap]"
+    fusion: "Optional[FusionPlayback]"
+    check: "Optional[LensCheck]"
+    playback: "Playback"
+    settings: Mapping[str, object]
+    frame_rate: Optional[float]
+
+    @property
+    def files(self) -> List[str]:
+        """Names of all files that it writes."""
+        return [*self.settings, *self.playback.files, *([] if self.site is None else [MAPPED])]
+
+
+def _prepare(options: argparse.Namespace, warnings: "WarningLog") -> _Run:
+    """Find out what is wrong before hours of work.
+
+    Raises:
+        InputError: wrong settings, or an unreadable recording.
+    """
     from ceiling_dso_ros.dso.config import OdometryConfig
     from ceiling_dso_ros.fusion.config import FusionConfig
     from ceiling_dso_ros.io.frame_rate import parse_frame_rate
     from ceiling_dso_ros.io.image_scaling import parse_image_size
-    from ceiling_dso_ros.io.warning_log import WarningLog
     from ceiling_dso_ros.lens.checking import LensCheck
     from ceiling_dso_ros.playback.fusion_playback import usable_fusion
     from ceiling_dso_ros.playback.playback import Playback
-    from ceiling_dso_ros.settings import load_settings, split_overrides, write_settings
+    from ceiling_dso_ros.settings import load_settings, split_overrides
     from ceiling_dso_ros.slam.map_file import read_map, require_camera
     from ceiling_dso_ros.slam.records import RecordCamera
 
@@ -93,11 +153,10 @@ def execute(options: argparse.Namespace) -> None:
     of_odometry, of_fusion = split_overrides(options.overrides)
     config = load_settings(options.config, of_odometry, OdometryConfig)
     fusion_config = load_settings(options.fusion_config, of_fusion, FusionConfig)
-    warnings = WarningLog(warn)
     site = None if options.map is None else read_map(options.map)
     recording = open_with(options, warnings)
     size = None if options.size is None else parse_image_size(options.size, "--size")
-    visual = visual_run(recording, config, options.bits, warnings, size=size)  # early: a wrong size is found here
+    visual = visual_run(recording, config, options.bits, warnings, size=size)
     if site is not None or options.wheel_input or options.wheel_odometry:
         require_usable(recording)
     fusion = usable_fusion(recording, fusion_config, warnings)
@@ -117,52 +176,29 @@ def execute(options: argparse.Namespace) -> None:
         watch=None if check is None else check.add,
     )
     settings = {"config.yaml": config, **({} if fusion is None else {FUSION_SETTINGS: fusion_config})}
-    names = [*settings, *playback.files, *([] if site is None else [MAPPED])]
-    require_output_folder(options.out, names)
-    _remove_older(options.out, names, warnings)
-    for name, values in settings.items():
-        write_settings(options.out / name, values)
-
-    _load_kernels(of_lens=check is not None)
-    end = COMPLETE
-    try:
-        # disable=None: no bar where stderr is no terminal
-        total = len(recording) if frame_rate == 0.0 else None
-        wheels = None if fusion is None else recording.wheels
-        listed = recording.frames(frame_rate or 0.0, wheels, playback.leaves_out)
-        with tqdm(listed, total=total, unit="frame", disable=None) as frames:
-            playback.play(frames)
-        _explain_missing_poses(playback, recording, fusion is not None)
-        if check is not None:
-            _warn_of_lens(check, playback, recording)
-        if site is not None and fusion is not None:
-            _write_mapped(options, site, playback, fusion)
-    except BaseException as error:
-        end = "interrupted" if was_interrupt(error) else f"failed: {type(error).__name__}: {error}"
-        raise
-    finally:
-        warnings.end()
-        if len(playback.timing):
-            _write(playback, options.out, end)
+    return _Run(recording, site, fusion, check, playback, settings, frame_rate)
 
 
-def _remove_older(directory: Path, names: Collection[str], warnings: "WarningLog") -> None:
-    """Remove what an earlier run has left, and this one will not replace: it would be judged as one of this run.
+def _remove_older(directory: Path, files: Collection[str]) -> None:
+    """Remove what an earlier run has left, and this one has not replaced: it would be judged as one of this run.
 
     Raises:
-        InputError: a file cannot be removed.
+        OutputError: files cannot be removed; all others are.
     """
     from ceiling_dso_ros.playback.playback import OF_SOME_RUNS
 
+    kept: List[str] = []
     for name in (*OF_SOME_RUNS, FUSION_SETTINGS, MAPPED):
         path = directory / name
-        if name in names or not path.is_file():
+        if name in files or not path.is_file():
             continue
         try:
             path.unlink()
+            warn(f"{path}: of an earlier run, was removed: this run has no such result")
         except OSError as error:
-            raise InputError(f"{path}: of an earlier run, and cannot be removed: {reason_of(error)}") from error
-        warnings.add(f"{path}: of an earlier run, was removed: this run has no such result")
+            kept.append(f"{path}: of an earlier run, and cannot be removed: {reason_of(error)}")
+    if kept:
+        raise OutputError(*kept)
 
 
 def _load_kernels(of_lens: bool) -> None:
@@ -196,7 +232,7 @@ def _write_mapped(options: argparse.Namespace, site: "SiteMap", playback: "Playb
     write_tum(options.out / MAPPED, found.trajectory(drive.fused))
 
 
-def _write(playback: "Playback", directory: Path, end: str) -> None:
+def _write(run: _Run, directory: Path, end: str) -> None:
     """Write what was computed, and say what it is.
 
     Raises:
@@ -204,14 +240,15 @@ def _write(playback: "Playback", directory: Path, end: str) -> None:
     """
     try:
         with deferred_interrupt():  # impatient users press Ctrl-C twice
-            playback.write(directory, end)
+            run.playback.write(directory, end)
+            _remove_older(directory, run.files)
     except OutputError as error:
         if end == COMPLETE:
             raise
         for line in error.lines:
             complain(line)
     finally:
-        print(_describe(playback.summary(), directory))
+        print(_describe(run.playback.summary(), directory))
 
 
 def _explain_missing_poses(playback: "Playback", recording: "Recording", has_wheels: bool) -> None:

@@ -52,7 +52,7 @@ class CameraSpool(Spool):
         return {NEWEST_KEYFRAMES: b"".join(map(_record, self._window.values()))}
 
     def clear(self) -> None:
-        """Forget all results."""
+        """See Spool."""
         with self._lock:
             self._run += 1
             self._poses, self._window = [], {}

@@ -76,7 +76,7 @@ class FusionSpool(Spool):
         }
 
     def clear(self) -> None:
-        """Forget all results."""
+        """See Spool."""
         with self._lock:
             self._run += 1
             self._outputs = FusedRecord()

@@ -29,7 +29,7 @@ class SpoolFolder:
     Attributes:
         path: the folder.
         left_over: folders of runs of this name that were killed, the newest first.
-        given_up: those that were removed, because all together were too large.
+        given_up: those that were removed by the last change, because all together were too large.
     """
 
     def __init__(self, base: Path, name: str, left_over_limit: int = 1000 * MEGABYTE) -> None:
@@ -68,7 +68,7 @@ class SpoolFolder:
                 shutil.copy(path, left)
             elif path.name != LOCK:
                 path.rename(left / path.name)
-        _keep_newest(self._base, self._name, self._limit)
+        self.left_over, self.given_up = _keep_newest(self._base, self._name, self._limit)
         return left
 
     def _new_folder(self) -> Path:
@@ -124,7 +124,7 @@ class Spool:
     """Growing files in a folder. Results are added by the threads that compute them, and flushed by another one.
 
     Attributes:
-        path: the folder.
+        folder: of the run; path: where it is.
         complaint: why results were not kept by the last flush, in words; empty when they were.
         left: the folder in which the last flush has left the results of an earlier run; None if it has not.
     """
@@ -135,7 +135,7 @@ class Spool:
         self.complaint = ""
         self.left: Optional[Path] = None
         self._another_run = False
-        self._folder = folder
+        self.folder = folder
         self._files: Dict[str, RollingFile] = {n: RollingFile(self.path / n, limit) for n, limit in limits.items()}
         self._disk = threading.Lock()
         self._never_collected = 0  # results that were given up before they were in the form of the files
@@ -188,7 +188,7 @@ class Spool:
         with self._disk:
             for file in self._files.values():
                 file.close()
-            self._folder.remove()
+            self.folder.remove()
 
     def _collect(self) -> None:
         """Append what is not yet in the form of the files."""
@@ -199,7 +199,7 @@ class Spool:
         if self._another_run:
             self._another_run = False
             try:
-                self.left = self._folder.leave_results()
+                self.left = self.folder.leave_results()
             except OSError as error:
                 complaints.append(f"{self.path}: cannot keep the run before: {reason_of(error)}")
         self._collect()

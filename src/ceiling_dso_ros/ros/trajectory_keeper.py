@@ -116,6 +116,7 @@ class TrajectoryKeeper(Generic[AnySpool]):
         self.spool.flush()
         if self.spool.left is not None:
             rospy.logwarn(f"the run before has left its trajectories: {COLLECT.format(self.spool.left)}")
+            _tell_given_up(self.spool.folder)
         complaint = self.spool.complaint
         if complaint and complaint not in self._told:
             self._told.add(complaint)
@@ -154,8 +155,7 @@ class TrajectoryKeeper(Generic[AnySpool]):
             return None
         for left in folder.left_over:
             rospy.logwarn(f"a run that was killed has left its trajectories: {COLLECT.format(left)}")
-        for path in folder.given_up:
-            rospy.logwarn(f"{path}: was removed: runs that were killed have left more than trajectory_limit_mb")
+        _tell_given_up(folder)
         return spool
 
     def _answer(self, request: SaveTrajectoryRequest) -> SaveTrajectoryResponse:
@@ -166,3 +166,8 @@ class TrajectoryKeeper(Generic[AnySpool]):
             return SaveTrajectoryResponse(True, one_line(self._save(directory, write_all_apart)))
         except (InputError, OutputError) as error:
             return SaveTrajectoryResponse(False, one_line(str(error)))
+
+
+def _tell_given_up(folder: SpoolFolder) -> None:
+    for path in folder.given_up:
+        rospy.logwarn(f"{path}: was removed: earlier runs have left more than trajectory_limit_mb")

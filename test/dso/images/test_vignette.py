@@ -22,7 +22,6 @@ def test_it_is_one_at_the_principal_point_and_falls_towards_the_farthest_corner(
     assert share[round(CAMERA.cy), round(CAMERA.cx)] == pytest.approx(1.0, abs=1e-5)
     corner = share[-1, 0]  # of this camera, the one that is farthest from its principal point
     assert corner == share.min() == pytest.approx(np.exp(-0.4), rel=1e-5)
-    assert DARK_CORNERS.at_corner == pytest.approx(np.exp(-0.4))
     assert Vignette(CAMERA).inverse is None
 
 
@@ -48,3 +47,14 @@ def test_a_slot_that_is_used_again_is_not_corrected_any_more():
     pool, seen = PyramidPool(CAMERA, 1), image()
     pool.release(pool.build(seen, vignette=DARK_CORNERS))
     assert np.array_equal(pool.level(pool.build(seen), 0).reshape(seen.shape), seen)
+
+
+def test_nothing_is_computed_again_where_nothing_changes(monkeypatch):
+    """As for each image of a lens without vignetting."""
+    pool = PyramidPool(CAMERA, 1)
+    for vignette in (Vignette(CAMERA), DARK_CORNERS):
+        slot = pool.build(image(), vignette=vignette)
+        with monkeypatch.context() as patch:
+            patch.setattr(pool, "_halve", lambda _slot: pytest.fail("halved again"))
+            pool.correct(slot, Vignette(CAMERA, vignette.coefficients))
+        pool.release(slot)

@@ -9,6 +9,7 @@ import numpy as np
 import rospy
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
+from support.faults.camera_faults import always, black
 from support.faults.drive import Angles
 from support.faults.live import Live
 from support.faults.outcome import Fault
@@ -72,7 +73,7 @@ def delayed_in_the_dark(live: Live) -> None:
         released, held[:] = [*held, angles], []
         return released
 
-    with live.robot.camera(lambda picture: [replace(picture, pixels=np.zeros_like(picture.pixels))]):
+    with live.robot.camera(always(black)):
         live.drive(1.6)
         during(1.0, hold)(live)
         with live.robot.wheels(release):

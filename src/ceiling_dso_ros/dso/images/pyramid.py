@@ -115,7 +115,7 @@ class PyramidPool:
     def correct(self, slot: int, vignette: Vignette) -> None:
         """Divide the image in a slot by another vignette instead of the one by which it was divided."""
         before = self._vignettes[slot]
-        if before is vignette:
+        if before.coefficients == vignette.coefficients:
             return
         width, height = self.shape.sizes[0]
         finest = self.level(slot, 0).reshape(height, width)

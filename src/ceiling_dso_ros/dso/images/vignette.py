@@ -31,11 +31,6 @@ class Vignette:
             rho2 = (x**2 + y[:, None] ** 2) / largest_radius2(camera)
             self.inverse = np.exp(-log_share(coefficients, rho2)).astype(np.float32)
 
-    @property
-    def at_corner(self) -> float:
-        """V where rho is 1."""
-        return float(np.exp(sum(self.coefficients)))
-
 
 def log_share(coefficients: Union[np.ndarray, Tuple[float, float]], rho2: np.ndarray) -> np.ndarray:
     """The logarithm of V where the squared rho is rho2."""
