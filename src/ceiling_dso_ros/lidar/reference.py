@@ -13,7 +13,7 @@ from ceiling_dso_ros.io.trajectory import Trajectory
 from ceiling_dso_ros.io.warning_log import ignore_warning
 from ceiling_dso_ros.lidar import uncertainty
 from ceiling_dso_ros.lidar.config import LidarConfig
-from ceiling_dso_ros.lidar.mapping.solution import Solution, nearest_keyframe, solve
+from ceiling_dso_ros.lidar.mapping.solution import Solution, solve
 from ceiling_dso_ros.lidar.mount_check import MountError, check_mount
 from ceiling_dso_ros.lidar.scans.poses import Path, carried, matrices
 from ceiling_dso_ros.lidar.scans.wheel_motion import WheelMotions
@@ -142,10 +142,9 @@ def estimate_reference(
     _look_at_scans(scans, tell)
     solution = solve(scans, wheels, config)
     located, joint = solution.localisation, solution.joint
-    nearest = nearest_keyframe(scans, solution.keyframes)
     own = np.linalg.inv(located.informations + located.priors)
     of_keyframes = uncertainty.keyframe_covariances(joint.information, joint.poses)
-    covariances = uncertainty.scan_covariances(of_keyframes, own[solution.keyframes], nearest, own)
+    covariances = uncertainty.scan_covariances(of_keyframes, own[solution.keyframes], solution.nearest, own)
     covariances += uncertainty.unseen_covariances(
         seconds(scans.stamps_ns - scans.stamps_ns[0]), located.informations, _is_driven(scans, wheels)
     )

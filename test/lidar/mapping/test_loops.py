@@ -41,7 +41,7 @@ def test_who_comes_back_is_recognised_although_the_way_has_drifted():
         drifted.append(compose(drifted[-1], step + np.array([0.01, 0.005, 0.004])))
     drifted = np.array(drifted)
     way_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T)))
-    finder = LoopFinder(points, points, way_m, 8.0, CONFIG)
+    finder = LoopFinder(points.__getitem__, points.__getitem__, way_m, 8.0, CONFIG)
     loops = finder.find(drifted)
     assert len(loops) >= 3
     for loop in loops:
@@ -63,4 +63,5 @@ def test_an_endless_corridor_gives_no_loops():
         seen = transformed(walls, inverse(pose))
         points.append(seen[np.hypot(*seen.T) < 8.0])
     way_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T)))
-    assert LoopFinder(points, points, way_m, 10.0, CONFIG).find(truth + 0.01 * rng.standard_normal(truth.shape)) == []
+    finder = LoopFinder(points.__getitem__, points.__getitem__, way_m, 10.0, CONFIG)
+    assert finder.find(truth + 0.01 * rng.standard_normal(truth.shape)) == []

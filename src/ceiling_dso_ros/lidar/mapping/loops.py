@@ -4,7 +4,7 @@
 All pairs of submaps are looked at that may overlap, as far as the way between them leaves that open.
 """
 
-from typing import List, Optional, Sequence, Set, Tuple
+from typing import Callable, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -28,8 +28,8 @@ class LoopFinder:
 
     def __init__(
         self,
-        points: Sequence[np.ndarray],
-        dense: Sequence[np.ndarray],
+        points: Callable[[int], np.ndarray],
+        dense: Callable[[int], np.ndarray],
         way_m: np.ndarray,
         radius_m: float,
         config: LidarConfig,
@@ -37,7 +37,7 @@ class LoopFinder:
         """Begin.
 
         Args:
-            points: (n, 2) of each keyframe, seen from itself.
+            points: makes those of a keyframe, (n, 2), seen from itself; they are not kept.
             dense: the same with more points, of which the submaps are made.
             way_m: (K,) driven up to each keyframe.
             radius_m: of a submap.
@@ -87,11 +87,11 @@ class LoopFinder:
         field = LikelihoodField(self._radius_m, self._config)
         half = self._length // 2
         for keyframe in range(max(0, centre - half), min(len(poses), centre + half + 1)):
-            field.add(transformed(self._dense[keyframe], planar.between(poses[centre], poses[keyframe])))
+            field.add(transformed(self._dense(keyframe), planar.between(poses[centre], poses[keyframe])))
         return field
 
     def _match(self, field: LikelihoodField, poses: np.ndarray, centre: int, keyframe: int) -> Optional[Relation]:
-        points = self._points[keyframe]
+        points = self._points(keyframe)
         guess = planar.between(poses[centre], poses[keyframe])
         way_m = abs(float(self._way_m[keyframe] - self._way_m[centre]))
         reach_m = min(REACH_M[0] + DRIFT * way_m, REACH_M[1])

@@ -12,6 +12,7 @@ from ceiling_dso_ros.lidar.mapping.graph import Relation, solve_graph
 from ceiling_dso_ros.lidar.mapping.joint_solution import JointSolution, solve_jointly
 from ceiling_dso_ros.lidar.mapping.landmarks import KeyframePoints, LandmarkMap
 from ceiling_dso_ros.lidar.mapping.loops import LoopFinder
+from ceiling_dso_ros.lidar.mapping.map_keyframes import MapKeyframes
 from ceiling_dso_ros.lidar.matching.tracking import ScanTracker, Track, submap_radius_m
 from ceiling_dso_ros.lidar.scans.poses import Path, between, carried, logmap
 from ceiling_dso_ros.lidar.scans.scan_points import ScanPoints, steady
@@ -49,6 +50,7 @@ class Solution:
     Attributes:
         track: the first pass.
         keyframes: (K,) scans that the map is made of, in the order of time.
+        nearest: (N,) number of the keyframe in whose surroundings each scan was localised.
         joint: their poses with the map.
         localisation: of all scans in it.
         loops: those that were found; is_right says for each whether it fits to the others.
@@ -59,6 +61,7 @@ class Solution:
 
     track: Track
     keyframes: np.ndarray
+    nearest: np.ndarray
     joint: JointSolution
     localisation: Localisation
     loops: Sequence[Relation]
@@ -81,8 +84,8 @@ def solve(scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig
     driven = [] if wheels is None else _wheel_relations(scans, wheels, order)
     steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T) if len(poses) > 1 else np.zeros(0)
     finder = LoopFinder(
-        [points.of(scan, motions[scan]) for scan in order],
-        [points.dense(scan, motions[scan]) for scan in order],
+        lambda number: points.of(order[number], motions[order[number]]),
+        lambda number: points.dense(order[number], motions[order[number]]),
         np.append(0.0, np.cumsum(steps_m)),
         submap_radius_m(scans),
         config,
@@ -96,16 +99,17 @@ def solve(scans: LaserScans, wheels: Optional[WheelMotions], config: LidarConfig
             break
         solution = solve_graph(poses, chain, [*driven, *loops])
         poses, is_right = solution.poses, solution.is_right[len(driven) :]
+    keyframes = MapKeyframes.choose(np.array(order), poses, config.keyframe_m, config.keyframe_rad)
     right = [loop for loop, right in zip(loops, is_right) if right]
-    relations = [*(_weakened(each) for each in (*chain, *right)), *driven]
+    relations = [*(_weakened(each) for each in keyframes.relations(chain, right)), *keyframes.relations(driven, [])]
     if backwards:
-        order, poses = order[::-1], poses[::-1]
-        last = len(order) - 1
+        keyframes = keyframes.backwards()
+        last = len(keyframes.chosen) - 1
         relations = [Relation(last - r.first, last - r.second, r.moved, r.covariance) for r in relations]
-    keyframes = np.array(order)
     most_rounds = 1 if backwards else MOST_ROUNDS  # the other way is but a check
-    refined = refine(scans, wheels, config, track, keyframes, poses, relations, most_rounds)
-    return Solution(track, keyframes, *refined[:2], loops, is_right, relations, refined[2])
+    refined = refine(scans, wheels, config, track, keyframes, relations, most_rounds)
+    nearest = keyframes.hosts[nearest_keyframe(scans, keyframes.scans)]
+    return Solution(track, keyframes.map_scans, nearest, *refined[:2], loops, is_right, relations, refined[2])
 
 
 def refine(
@@ -113,8 +117,7 @@ def refine(
     wheels: Optional[WheelMotions],
     config: LidarConfig,
     track: Track,
-    keyframes: np.ndarray,
-    poses: np.ndarray,
+    keyframes: MapKeyframes,
     relations: Sequence[Relation],
     most_rounds: int = MOST_ROUNDS,
 ) -> Tuple[JointSolution, Localisation, int]:
@@ -126,14 +129,17 @@ def refine(
     shape = Path(scans.stamps_ns, track.poses)
     motions = steady(track.twists)
     before: Optional[np.ndarray] = None
+    poses = keyframes.map_poses
     rounds = 0
     while True:
         rounds += 1
-        parts = KeyframePoints.of([points.of(scan, motions[scan]) for scan in keyframes.tolist()], points.laser)
+        map_scans = keyframes.map_scans.tolist()
+        parts = KeyframePoints.of([points.of(scan, motions[scan]) for scan in map_scans], points.laser)
         joint = solve_jointly(parts, poses, relations, config)
         poses = joint.poses
-        guess = carried(Path(scans.stamps_ns[keyframes], poses), shape, scans.stamps_ns)
-        priors = _priors(scans, wheels, keyframes, guess)
+        anchors = Path(scans.stamps_ns[keyframes.scans], keyframes.carried(poses))
+        guess = carried(anchors, shape, scans.stamps_ns)
+        priors = _priors(scans, wheels, keyframes.scans, guess)
         located = localise_scans(points, motions, joint.landmark_map, guess, priors, np.arange(len(scans)))
         if rounds == most_rounds or (before is not None and _is_still(before, located.poses, config)):
             return joint, located, rounds
