@@ -214,7 +214,7 @@ class KeyframeBackend:
             return False
         scale = math.exp(self.estimate.log_scale)
         found = self.monitor.compare(wheels, visual, scale, self.estimate.scale_sigma)
-        return self.monitor.beyond_gate(found, self.scale_known)
+        return self.monitor.images_contradict(found, self.scale_known)
 
     def smoothed(self, origin: np.ndarray) -> List[SmoothedNode]:
         """All keyframes as the graph of the whole recording estimates them, relative to (3,) origin.

@@ -148,14 +148,17 @@ class SlipConfig:
     """When a difference between wheels and camera counts as slip or as a jump of the scale, and for how long."""
 
     gate: float = 25.0  # squared normalised difference (chi-square, one degree of freedom): 5 sigma
+    # The same between images. Of the 70 million comparisons of a week, turn and distance over two baselines at 30
+    # images a second, 42 are beyond 5 sigma by chance, and one in 7 weeks is beyond 6.
+    image_gate: float = 36.0
     jump_steps: int = 6  # this many distances in a row, wrong by one factor, are a jump of the scale or a steady slip
     report_gap_s: float = 1.0  # slips closer than this are one report
     longest_s: float = 2.0  # longest time that a camera that stands may contradict the wheels
 
     def check(self) -> None:
         """Raise ConfigError when a value is out of range."""
-        require_ranges("slip", self, gate=(4.0, 1000.0), jump_steps=(3, 20), report_gap_s=(0.0, 60.0))
-        require_ranges("slip", self, longest_s=(0.1, 60.0))
+        require_ranges("slip", self, gate=(4.0, 1000.0), image_gate=(4.0, 1000.0), jump_steps=(3, 20))
+        require_ranges("slip", self, report_gap_s=(0.0, 60.0), longest_s=(0.1, 60.0))
 
 
 @dataclass(frozen=True)

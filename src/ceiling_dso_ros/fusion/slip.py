@@ -101,9 +101,11 @@ class SlipMonitor:
 
     def beyond_gate(self, found: Disagreement, scale_known: bool) -> bool:
         """Whether a difference exceeds its expected variance; without a scale only the turn is tested."""
-        return self._turn_beyond(found) or (
-            scale_known and found.forward_m**2 > self._config.slip.gate * found.forward_variance
-        )
+        return _is_beyond(self._config.slip.gate, found, scale_known)
+
+    def images_contradict(self, found: Disagreement, scale_known: bool) -> bool:
+        """The same of a difference between two images, of which there are many more."""
+        return _is_beyond(self._config.slip.image_gate, found, scale_known)
 
     def slips(self, interval: Interval, found: Disagreement, scale_known: bool) -> bool:
         """Whether the wheels slip between two keyframes; call it once for each interval, in order."""
@@ -111,7 +113,7 @@ class SlipMonitor:
             self._depths.clear()
             self._agreed_m = self._steady_m = 0.0
         self._depths.append(interval.depth)
-        if self._turn_beyond(found) or not scale_known:
+        if self.beyond_gate(found, scale_known=False) or not scale_known:
             self._recent.clear()
         else:
             self._recent.append((interval.end, found))
@@ -157,9 +159,6 @@ class SlipMonitor:
         misfit = ((forward - factor * distance) ** 2 / variance).sum()
         return None if misfit > 4.0 * len(recent) else float(factor)
 
-    def _turn_beyond(self, found: Disagreement) -> bool:
-        return found.turn_rad**2 > self._config.slip.gate * found.turn_variance
-
     def _jump_evidence(self, factor: float) -> float:
         """Logarithm of the odds, by the map's depths, of a scale that jumped by 1 + factor to wheels that slip.
 
@@ -189,3 +188,8 @@ class SlipMonitor:
         else:
             self.reports.append(SlipReport(start_ns, end_ns))
             del self.reports[:-MOST_REPORTS]
+
+
+def _is_beyond(gate: float, found: Disagreement, scale_known: bool) -> bool:
+    turns_differ = found.turn_rad**2 > gate * found.turn_variance
+    return turns_differ or (scale_known and found.forward_m**2 > gate * found.forward_variance)
