@@ -26,6 +26,9 @@ MOST_SIGMAS = 4.0
 FILES = 6  # camera.tum, camera_final.tum, keyframes.tum, wheel.tum, fused.tum, fused_smoothed.tum
 LONGEST_GAP_MS = 50.0  # between two poses while the trajectories are saved
 LONGEST_END_S = 15.0  # after which roslaunch kills nodes
+SETTLED = 30  # minutes at the end, whose growth is that of all later ones
+WEEK = 7 * 24 * 60  # minutes
+WEEK_MB = 100.0
 
 
 def rows(minutes: List[Dict[str, Any]], end: Dict[str, Any]) -> Iterator[Row]:
@@ -39,6 +42,10 @@ def rows(minutes: List[Dict[str, Any]], end: Dict[str, Any]) -> Iterator[Row]:
             [late["resident_mb"][node]],
         )
         yield Row(node, "memory at the end / early", [growth], 1.03)
+        if len(minutes) > SETTLED + EARLY:
+            settled_mb = late["resident_mb"][node] - minutes[-1 - SETTLED]["resident_mb"][node]
+            what = f"MB more in a week, as in the last {SETTLED} minutes ({settled_mb:.2f})"
+            yield Row(node, what, [settled_mb / SETTLED * WEEK], WEEK_MB)
         yield Row(node, "threads at the end - early", [late["threads"][node] - early["threads"][node]], 0.0)
         yield Row(node, "open files at the end - early", [late["descriptors"][node] - early["descriptors"][node]], 0.0)
     warm = minutes[min(WARM, len(minutes)) - 1]["latency_ms"]

@@ -11,6 +11,7 @@ import rospy
 
 from ceiling_dso_ros.dso.durations import nanoseconds
 from ceiling_dso_ros.io.errors import InputError, OutputError
+from ceiling_dso_ros.ros.heap import use_one_heap
 
 NO_CLOCK_S = 10.0  # a playback begins later than the nodes
 
@@ -22,6 +23,7 @@ def run_node(name: str, make_server: Callable) -> int:
         name: of the node, unless it is remapped.
         make_server: gives an object with `spin()`, or raises InputError where a parameter is wrong.
     """
+    use_one_heap()
     rospy.init_node(name)
     watch = threading.Timer(NO_CLOCK_S, _warn_without_clock)
     watch.daemon = True
