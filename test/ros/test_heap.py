@@ -27,6 +27,7 @@ libc.malloc_stats()
 
 def heaps(call, **variables):
     environment = {name: value for name, value in os.environ.items() if name != "MALLOC_ARENA_MAX"}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
     script = ALLOCATE.format(call=call)
     run = subprocess.run(
         [sys.executable, "-c", script], env={**environment, **variables}, capture_output=True, text=True, check=True
