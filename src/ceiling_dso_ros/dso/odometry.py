@@ -79,7 +79,8 @@ class DirectOdometry:
         self._vignetting = VignetteEstimator(self.camera, self.config.window.min_keyframes)
         self._normal: Optional[np.ndarray] = None  # of the plane in which the camera moves
         self._first_map_check = FirstMapCheck(self.config, self._tracker, self._selector)
-        self._segment = self._new_segment(number=0, first_keyframe_id=0, T_world_camera=np.eye(4))
+        self._mapper = Mapper(self.camera, self.config, self._pool, self._selector, self._vignetting, self._rig)
+        self._segment = self._new_segment(number=0, T_world_camera=np.eye(4))
 
     @property
     def map(self) -> Optional[MapSnapshot]:
@@ -182,8 +183,7 @@ class DirectOdometry:
         after = "waiting for more parallax" if fault.more_parallax_helps else "starting again"
         status = segment.status_without_map(frame.stamp_ns, f"the first map {fault.reason}: {after}", timer)
         start = segment.start if fault.more_parallax_helps else None
-        next_id = segment.mapping.next_keyframe_id
-        self._segment = self._new_segment(segment.number, next_id, segment.T_world_camera, start)
+        self._segment = self._new_segment(segment.number, segment.T_world_camera, start)
         return status
 
     def _find(self, frame: Frame, current: MapSnapshot, prediction: Optional[CameraMotion]) -> TrackedFrame:
@@ -223,25 +223,20 @@ class DirectOdometry:
         with suppress(TrackingLostError):
             segment.take_in_map(timer)
         status = segment.status_without_pose(stamp_ns, TrackingState.LOST, reason, timer)
-        self._segment = self._new_segment(segment.number + 1, segment.mapping.next_keyframe_id, segment.T_world_camera)
+        self._segment = self._new_segment(segment.number + 1, segment.T_world_camera)
         return status
 
-    def _new_segment(
-        self, number: int, first_keyframe_id: int, T_world_camera: np.ndarray, start: Optional[MapStart] = None
-    ) -> Segment:
+    def _new_segment(self, number: int, T_world_camera: np.ndarray, start: Optional[MapStart] = None) -> Segment:
         """Begin without a map, and without images but those of a start that goes on."""
         self._scheduler.discard()
         self._pool.release_all(() if start is None else start.slots)
         if start is None:
             start = MapStart(self._pool, self._selector, self.camera, self.config.initialization)
-        mapper = Mapper(
-            self.camera, self.config, self._pool, self._selector, self._vignetting, number, first_keyframe_id, self._rig
-        )
         return Segment(
             number,
-            first_keyframe_id,
+            self._mapper.next_id,
             T_world_camera,
             start,
-            MappingQueue(mapper, self._pool, self._scheduler),
+            MappingQueue(self._mapper, self._pool, self._scheduler),
             KeyframeTrigger(self.camera, self.config.keyframe),
         )

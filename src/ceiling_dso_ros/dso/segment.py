@@ -69,7 +69,7 @@ class Segment:
         Raises:
             TrackingLostError: the bundle adjustment has no solution.
         """
-        first_map = self.mapping.begin(frames.first, frames.first_map, newest, timer)
+        first_map = self.mapping.begin(self.number, frames.first, frames.first_map, newest, timer)
         self.history.begin(self.first_keyframe_id)
         return first_map
 

@@ -23,6 +23,7 @@ from ceiling_dso_ros.dso.window.candidates import UNSEARCHED_QUALITY
 SURFACE = Surface(slope=(0.1, -0.1), relief=0.08, texture=SHARP)
 CONFIG = OdometryConfig(window=WindowConfig(max_keyframes=3, min_keyframes=2, candidate_points=400, active_points=300))
 STEP = np.array([0.03, 0.01, 0.0, 0.0, 0.0, 0.02])
+SEGMENT = 4
 
 
 class Scene:
@@ -31,13 +32,16 @@ class Scene:
     def __init__(self):
         self.pool = PyramidPool(CAMERA, 8)
         self.selector = PixelSelector(self.pool)
-        self.mapper = Mapper(
-            CAMERA, CONFIG, self.pool, self.selector, VignetteEstimator(CAMERA, 5), segment=4, first_id=10
-        )
+        self.mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, VignetteEstimator(CAMERA, 5))
+        self.begin(SEGMENT)
+
+    def begin(self, segment):
+        self.pool.release_all()
+        self.selector.cell = 3  # otherwise that of the image before
         first = self.frame(0)
         pixels = self.selector.select(first.image_slot, 500)
         idepth = SURFACE.idepth(np.eye(4), pixels.u, pixels.v).astype(np.float32)
-        self.mapper.begin(first, FirstMap(np.eye(4), pixels, idepth, 0.0, 0.0))
+        self.mapper.begin(segment, first, FirstMap(np.eye(4), pixels, idepth, 0.0, 0.0))
 
     def frame(self, k, image=None):
         T = se3.exp(k * STEP)
@@ -57,8 +61,8 @@ def scene():
 
 def test_the_first_map_becomes_points_of_the_first_keyframe(scene):
     window = scene.mapper.window
-    assert window.ids == [10]
-    assert scene.mapper.next_id == 11
+    assert window.ids == [0]
+    assert scene.mapper.next_id == 1
     n = window.points.count
     assert n == CONFIG.window.active_points
     a = window.points.arrays
@@ -75,9 +79,9 @@ def test_keyframes_keep_to_the_truth_and_to_the_size_of_the_window(scene):
         snapshot = scene.keyframe(k)
         reference, estimates = snapshot.reference, snapshot.keyframes
         window = scene.mapper.window
-        assert reference.keyframe_id == 10 + k
-        assert {e.segment for e in estimates} == {4}
-        assert estimates[-1].keyframe_id == 10 + k
+        assert reference.keyframe_id == k
+        assert {e.segment for e in estimates} == {SEGMENT}
+        assert estimates[-1].keyframe_id == k
         assert window.count <= CONFIG.window.max_keyframes
         assert window.prior.b.size == 4 + 8 * window.count
         assert window.ids == [e.keyframe_id for e in estimates if not e.leaves]
@@ -91,7 +95,7 @@ def test_keyframes_keep_to_the_truth_and_to_the_size_of_the_window(scene):
     assert len(seen) == len(set(seen)) >= 4
     n, a = window.points.count, window.points.arrays
     assert n > 100
-    true = np.array([SURFACE.idepth(se3.exp((window.ids[a.host[i]] - 10) * STEP), a.u[i], a.v[i]) for i in range(n)])
+    true = np.array([SURFACE.idepth(se3.exp(window.ids[a.host[i]] * STEP), a.u[i], a.v[i]) for i in range(n)])
     assert np.median(np.abs(a.idepth[:n] / true - 1)) < 0.01
     assert np.bincount(a.host[:n], minlength=3)[1] > 0  # not only those of the start
 
@@ -126,10 +130,10 @@ def test_poses_are_found_by_the_identity_of_their_keyframe(scene):
 
 def test_a_snapshot_stays_as_it_is(scene):
     snapshot = scene.keyframe(1)
-    before = snapshot.points.positions.copy(), snapshot.pose_of(11).copy()
+    before = snapshot.points.positions.copy(), snapshot.pose_of(1).copy()
     scene.keyframe(2)
     np.testing.assert_array_equal(snapshot.points.positions, before[0])
-    np.testing.assert_array_equal(snapshot.pose_of(11), before[1])
+    np.testing.assert_array_equal(snapshot.pose_of(1), before[1])
 
 
 def test_a_keyframe_that_shows_nothing_loses_the_window(scene):
@@ -142,7 +146,7 @@ def test_points_that_leave_lie_on_the_surface(scene):
     left = HostedPoints.concatenated([scene.keyframe(k).marginalized for k in range(1, 8)])
     assert len(left) > 300
     assert len(set(left.keyframe_id.tolist())) >= 3
-    x, y, z = left.positions_world({10 + k: np.linalg.inv(se3.exp(k * STEP)) for k in range(8)}).T
+    x, y, z = left.positions_world({k: np.linalg.inv(se3.exp(k * STEP)) for k in range(8)}).T
     true = SURFACE.idepth(np.eye(4), CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy)
     assert np.median(np.abs(true * z - 1)) < 0.01
     image = SURFACE.render(np.eye(4))
@@ -172,3 +176,20 @@ def test_what_the_map_held_is_marginalized_or_still_active_unless_it_was_dropped
         assert len(snapshot.window_points) == scene.mapper.window.points.count
         assert not set(snapshot.window_points.keyframe_id.tolist()) & set(leaving)
     assert sum(dropped for _, dropped, _ in expected) > 0
+
+
+def test_a_new_segment_knows_nothing_of_the_one_before():
+    scene, fresh = Scene(), Scene()
+    for k in range(1, 8):
+        scene.keyframe(k)
+    ids = scene.mapper.next_id
+    scene.begin(SEGMENT + 1)
+    for k in range(1, 8):
+        again, expected = scene.keyframe(k), fresh.keyframe(k)
+        assert again.reference.keyframe_id == ids + expected.reference.keyframe_id
+        assert {e.segment for e in again.keyframes} == {SEGMENT + 1}
+        for a, b in zip(again.keyframes, expected.keyframes):
+            np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
+        np.testing.assert_array_equal(again.window_points.position_camera, expected.window_points.position_camera)
+        np.testing.assert_array_equal(again.marginalized.position_camera, expected.marginalized.position_camera)
+        np.testing.assert_array_equal(again.reference.levels[0].idepth, expected.reference.levels[0].idepth)

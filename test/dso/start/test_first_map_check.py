@@ -36,10 +36,10 @@ class TwoFrames:
             Frame(k, 1.0, self.pool.build(self._noisy(surface.render(T), noise, rng)), T, np.zeros(2))
             for k, T in enumerate((np.eye(4), MOTION))
         )
-        mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, VignetteEstimator(CAMERA, 5), segment=0, first_id=0)
+        mapper = Mapper(CAMERA, CONFIG, self.pool, self.selector, VignetteEstimator(CAMERA, 5))
         pixels = self.selector.select(self.first.image_slot, 500)
         idepth = surface.idepth(np.eye(4), pixels.u, pixels.v).astype(np.float32)
-        mapper.begin(self.first, FirstMap(MOTION, pixels, idepth, 0.0, 0.0))
+        mapper.begin(0, self.first, FirstMap(MOTION, pixels, idepth, 0.0, 0.0))
         mapper.trace(self.newest)
         self.map = mapper.add_keyframe(self.newest, StageTimer())
 

@@ -34,8 +34,12 @@ class Activator:
     def __init__(self, window: KeyframeWindow, wanted: int, config: ActivationConfig) -> None:
         self.config = config
         self.wanted = wanted
-        self.spacing = 2.0  # half-resolution pixels between active points
         self._distance2 = np.zeros(((window.height + 1) // 2, (window.width + 1) // 2), np.int32)
+        self.begin()
+
+    def begin(self) -> None:
+        """Be ready for the first keyframe of a map."""
+        self.spacing = 2.0  # half-resolution pixels between active points
 
     def activate(self, window: KeyframeWindow) -> int:
         """Move narrow candidates to the window's points and drop those that failed; returns the number moved."""

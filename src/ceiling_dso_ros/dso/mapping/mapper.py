@@ -36,31 +36,38 @@ FIRST_KEYFRAME_INFORMATION = np.array([4e10, 4e10, 4e10, 1e11, 1e11, 1e11, 1e12,
 
 
 class Mapper:
-    """Owns the window of keyframes of one segment."""
+    """Owns the window of keyframes.
+
+    Its memory, which is large, serves one segment after the other: where it was taken anew for each, the heap would be
+    in pieces after some days.
+    """
 
     def __init__(
         self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool, selector: PixelSelector,
-        vignetting: VignetteEstimator, segment: int, first_id: int, rig: Optional[StereoRig] = None,
+        vignetting: VignetteEstimator, rig: Optional[StereoRig] = None,
     ) -> None:  # fmt: skip
         self._vignetting = vignetting
         self.window = KeyframeWindow(camera, config, pool)
         self._config = config
-        self._segment = segment
-        self._next_id = first_id
+        self._rig = rig
+        self._next_id = 0
         self._selector = selector
         self._adjustment = BundleAdjustment(self.window, config.optimization)
         self._activator = Activator(self.window, config.window.active_points, config.activation)
         self._references = ReferenceBuilder(pool.shape)
-        self._scale = None if rig is None else WindowScale(rig, config.rig)
         self._max_search = config.tracing.reach * (camera.width + camera.height)
 
     @property
     def next_id(self) -> int:
-        """Identity of the next keyframe."""
+        """Identity of the next keyframe; they count up over all segments."""
         return self._next_id
 
-    def begin(self, first: Frame, first_map: FirstMap) -> None:
-        """Start the window with the initialiser's first frame and its depth."""
+    def begin(self, segment: int, first: Frame, first_map: FirstMap) -> None:
+        """Start a segment's map with the initialiser's first frame and its depth, and forget the one before."""
+        self._segment = segment
+        self._scale = None if self._rig is None else WindowScale(self._rig, self._config.rig)
+        self.window.clear()
+        self._activator.begin()
         wanted = self._config.window.active_points
         n = first_map.idepth.size
         kept = np.sort(np.random.default_rng(0).permutation(n)[:wanted])

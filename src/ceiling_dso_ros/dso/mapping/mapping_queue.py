@@ -25,7 +25,7 @@ class MappingResult(NamedTuple):
 
 
 class MappingQueue:
-    """Hands the frames of one segment to its mapper, and takes the refined map back.
+    """Hands the frames of one segment to the mapper, and takes the refined map back.
 
     Attributes:
         map: the map as it was refined last; None while there is none.
@@ -40,19 +40,14 @@ class MappingQueue:
         self.map: Optional[MapSnapshot] = None
         self.keyframe_pending = False
 
-    @property
-    def next_keyframe_id(self) -> int:
-        """Identity of the next keyframe. Only valid while no frame is being processed."""
-        return self._mapper.next_id
-
-    def begin(self, first: Frame, first_map: FirstMap, frame: Frame, timer: StageTimer) -> MapSnapshot:
-        """Make the first map's two frames keyframes; returns the refined map.
+    def begin(self, segment: int, first: Frame, first_map: FirstMap, frame: Frame, timer: StageTimer) -> MapSnapshot:
+        """Make the two frames of a segment's first map keyframes; returns the refined map.
 
         Raises:
             TrackingLostError: the bundle adjustment has no solution.
         """
         first_id = self._mapper.next_id
-        self._mapper.begin(first, first_map)
+        self._mapper.begin(segment, first, first_map)
         affine = np.array([first_map.log_gain - np.log(frame.exposure / first.exposure), first_map.offset])
         self.hand_over(replace(frame, affine=affine), first_id, first_map.T_frame_first, is_keyframe=True)
         self._scheduler.wait()

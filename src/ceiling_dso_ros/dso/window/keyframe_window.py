@@ -58,12 +58,13 @@ class Prior(NamedTuple):
 
 
 class KeyframeWindow:
-    """All variables of the bundle adjustment."""
+    """All variables of the bundle adjustment; its memory serves one map after the other."""
 
     def __init__(self, camera: PinholeCamera, config: OdometryConfig, pool: PyramidPool) -> None:
         slots = config.window.max_keyframes + 1
         self.pool = pool
         self.width, self.height = camera.width, camera.height
+        self._calibrated_intrinsics = camera.parameters
         self.keyframes = KeyframeArrays(
             T_camera_world_eval=np.zeros((slots, 4, 4)),
             affine_eval=np.zeros((slots, 2)),
@@ -74,14 +75,19 @@ class KeyframeWindow:
             energy_threshold=np.zeros(slots, np.float32),
             image_slot=np.zeros(slots, np.int64),
         )
+        self.points = PointTable(slots, 3 * config.window.active_points)
+        self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all keyframes with their points; their images are left to who gives up the map."""
         self.ids: List[int] = []
         self.stamps_ns: List[int] = []
         self.gone_points: List[int] = []  # active points that each keyframe has lost
         self.depths: List[float] = []  # of the map as each keyframe saw it when it was made
         self.scales: List[ScaleMeasurement] = []  # by the second camera, then
-        self.points = PointTable(slots, 3 * config.window.active_points)
-        self.candidates = CandidateTable(2 * slots * config.window.candidate_points)
-        self.intrinsics_eval = camera.parameters
+        self.points.count = self.candidates.count = 0
+        self.intrinsics_eval = self._calibrated_intrinsics
         self.intrinsics_offset = np.zeros(INTRINSICS)
         self.normal: Optional[np.ndarray] = None  # (3,) of the plane in which the camera moves, in its own frame
         self.prior = Prior(np.zeros((INTRINSICS, INTRINSICS)), np.zeros(INTRINSICS))
