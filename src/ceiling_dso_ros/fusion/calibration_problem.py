@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.compute.scatter import median_scatter
 from ceiling_dso_ros.fusion import planar
 from ceiling_dso_ros.fusion.calibration_data import LARGEST_OFFSET_S, ImagePair, WheelPath
 from ceiling_dso_ros.fusion.config import RobotModel
@@ -117,7 +118,7 @@ class MountingProblem:
             found = least_squares(self._weighted, parameters, loss=loss, f_scale=3.0, x_scale="jac")
             parameters = found.x
             residuals = self._residuals(parameters)[used]
-            scatter = 1.4826 * np.median(np.abs(residuals), axis=0)
+            scatter = median_scatter(residuals, axis=0)
             self._sigmas = np.maximum(scatter, 1e-6)
         covariance = np.linalg.inv(found.jac.T @ found.jac)[: len(PRIOR_SIGMAS), : len(PRIOR_SIGMAS)]
         to_angles = np.eye(len(PRIOR_SIGMAS))

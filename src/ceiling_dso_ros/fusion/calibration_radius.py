@@ -17,6 +17,7 @@ from typing import List, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
+from ceiling_dso_ros.dso.compute.scatter import median_scatter
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.fusion.calibration_data import CameraPose, ImagePair
 from ceiling_dso_ros.fusion.metric_scale import SegmentScale, metric_positions
@@ -25,7 +26,6 @@ SLIP_SIGMA = 0.02  # of k in seconds: wheels that turn 2 % further at 1 rad/s sl
 SIDE_SIGMA_M = 0.1  # of y: more than a calibration is ever wrong by
 ROUNDS = 20  # of weighting outliers less
 HUBER = 1.345
-MAD_TO_SIGMA = 1.4826
 
 
 class RadiusError(NamedTuple):
@@ -84,4 +84,4 @@ def _scatter(columns: np.ndarray, weights: np.ndarray, by_wheels: np.ndarray) ->
     """Standard deviation of the residuals of the best fit, metres."""
     root = np.sqrt(weights)
     fit, *_ = np.linalg.lstsq(columns * root[:, None], by_wheels * root, rcond=None)
-    return max(MAD_TO_SIGMA * float(np.median(np.abs(by_wheels - columns @ fit))), 1e-6)
+    return max(float(median_scatter(by_wheels - columns @ fit)), 1e-6)

@@ -6,6 +6,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.compute.scatter import median_scatter
 from ceiling_dso_ros.fusion.calibration_data import ImagePair
 
 GATE = 5.0  # standard deviations, as SlipConfig.gate has it
@@ -68,7 +69,7 @@ def slipping(excess_m: np.ndarray, used: np.ndarray, way_m: np.ndarray, follow: 
     Returns:
         (n,) bool.
     """
-    scatter_m = 1.4826 * np.median(np.abs(excess_m[used]), axis=0)
+    scatter_m = median_scatter(excess_m[used], axis=0)
     growth = np.maximum(way_m / np.median(way_m[used]), 1.0)
     slips = np.zeros(len(used), bool)
     for length in LENGTHS:

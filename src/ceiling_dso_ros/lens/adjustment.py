@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
+from ceiling_dso_ros.dso.compute.scatter import median_scatter
 from ceiling_dso_ros.dso.durations import seconds
 from ceiling_dso_ros.lens.elimination_kernels import Equations, add_sightings, point_steps, sighting_scores
 from ceiling_dso_ros.lens.floor import WheelPairs, add_terms, floor_terms, roughness
@@ -255,7 +256,7 @@ class Adjustment:
         unsure = np.einsum("nki,nij,nkj->k", floor.derivative, blocks, floor.derivative) / len(blocks)
         rough = np.sqrt(np.mean(np.square(roughness(state.T_world_base)), axis=0) + unsure)
         of_wheels = self.wheels.residuals(state)[self.used]
-        scatter = 1.4826 * np.median(np.abs(of_wheels), axis=0)
+        scatter = median_scatter(of_wheels, axis=0)
         difference, ahead = residuals(state, self.tracks)
         whitened = np.einsum("nij,nj->ni", self._root, difference)[ahead]
         # of two degrees of freedom, half of the squares are below 2 ln 2

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ceiling_dso_ros.dso.compute.scatter import median_scatter
 from ceiling_dso_ros.dso.status import NO_SCALE, ScaleMeasurement
 
 HUBER = 1.345  # standard deviations: nearly all of a normal distribution's information is kept
-MAD_TO_SIGMA = 1.4826
 ITERATIONS = 20
 CONVERGED = 1e-7  # of the logarithm
 LEAST_POINTS = 30
@@ -94,6 +94,6 @@ def estimate_scale(points: PointScales, baseline_sigma: float, disparity_sigma_p
 
 def _sigmas(residual: np.ndarray, of_image: np.ndarray) -> np.ndarray:
     """Standard deviations of residuals: by the images' noise, and a part that all have and that their scatter tells."""
-    scatter = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+    scatter = float(median_scatter(residual))
     of_map = max(scatter**2 - float(np.median(of_image**2)), (0.1 * scatter) ** 2)
     return np.sqrt(of_image**2 + of_map)
