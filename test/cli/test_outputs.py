@@ -2,6 +2,7 @@
 """Outputs are tried before the work; each file is written whole or not at all, whatever becomes of the others."""
 
 import json
+import os
 import resource
 import signal
 
@@ -314,3 +315,21 @@ def test_a_recording_that_cannot_be_made_again_is_not_replaced(tmp_path, capsys,
     (line,) = capsys.readouterr().err.splitlines()
     assert "drive.bag: exists already" in line
     assert path.read_text() == "recorded"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("sweep", "{name}", "--out", "{folder}/study"),
+        ("sweep", "{folder}", "--out", "{name}"),
+        ("reference", "{name}", "--out", "{folder}/reference.tum"),
+        ("reference", "{folder}/drive.bag", "--out", "{name}.tum"),
+    ],
+)
+def test_names_that_cannot_be_written_to_a_text_are_said_before_the_work(tmp_path, capsys, words):
+    name = os.fsdecode(b"caf\xe9")
+    assert main([word.format(name=tmp_path / name, folder=tmp_path) for word in words]) == 2
+    told = capsys.readouterr().err
+    assert "the name is not UTF-8" in told
+    assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -46,6 +46,19 @@ def require_output_file(path: Path, names_beside: Iterable[str] = (), inputs: It
         require_output_folder(path.parent, [path.name, *names_beside])
 
 
+def require_names_as_text(names: Iterable[object]) -> None:
+    """Check paths that are written to files, whose texts are UTF-8.
+
+    Raises:
+        InputError: the name of one is not.
+    """
+    for name in names:
+        try:
+            str(name).encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"{name}: the name is not UTF-8, which a text needs that has it: rename it") from error
+
+
 def _is_part_of(output: Path, read: Path) -> bool:
     """Whether an output would replace an input, or a file of a recording that is a folder."""
     from ceiling_dso_ros.io.tum_folder import FILES  # slow to import

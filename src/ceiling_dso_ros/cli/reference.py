@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Tuple
 
-from ceiling_dso_ros.cli.outputs import require_output_file
+from ceiling_dso_ros.cli.outputs import require_names_as_text, require_output_file
 from ceiling_dso_ros.cli.recording_options import warn
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, topics_of_wheels
 from ceiling_dso_ros.io.errors import InputError
@@ -79,6 +79,7 @@ def execute(options: argparse.Namespace) -> None:
     from ceiling_dso_ros.lidar.warmup import load_kernels
 
     names = {kind: path.name for kind, path in files_beside(options.out).items()}
+    require_names_as_text([options.out, options.input])
     require_output_file(options.out, names.values(), inputs=[options.input, options.at])
     wanted = None if options.at is None else read_tum(options.at)
     warnings = WarningLog(warn)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Dict, List, Optional, Sequence
 
-from ceiling_dso_ros.cli.outputs import require_output_folder
+from ceiling_dso_ros.cli.outputs import require_names_as_text, require_output_folder
 from ceiling_dso_ros.cli.recording_options import add_camera_options, topics_of_camera
 from ceiling_dso_ros.cli.wheel_options import add_wheel_options, topics_of_wheels
 from ceiling_dso_ros.io.errors import InputError
@@ -140,6 +140,7 @@ def _plan(options: argparse.Namespace) -> "Plan":
     from ceiling_dso_ros.experiments.sweep.plan import Plan, by_sequence, check_plan, parse_grid, read_plan
     from ceiling_dso_ros.experiments.sweep.run_spec import Opening
 
+    require_names_as_text([options.out, options.camera, options.robot, *options.inputs])
     plan = Plan({}) if options.plan is None else read_plan(options.plan)
     opening = Opening(
         {**topics_of_camera(options), **topics_of_wheels(options)},
