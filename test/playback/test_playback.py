@@ -146,6 +146,11 @@ def test_skipped_frames_are_warned_of_and_counted_apart():
     assert (summary["frames"], summary["skipped"]) == (3, 3)
 
 
+def test_a_lost_map_is_said_with_its_time_and_reason():
+    _, warnings = playback_of(frames(9))
+    assert warnings == ["the map was lost at 6.000000000: lost"]
+
+
 def test_when_no_frame_can_be_used_the_first_reason_is_the_error():
     bad = [SkippedFrame(None, f"message {n}: bad size; frame skipped", "bad size") for n in range(159)]
     warnings = []

@@ -13,6 +13,7 @@ from ceiling_dso_ros.io.interrupts import deferred_interrupt
 from ceiling_dso_ros.io.ply import write_ply
 from ceiling_dso_ros.io.recording import Frame, SkippedFrame
 from ceiling_dso_ros.io.replacing import replace_file, write_each
+from ceiling_dso_ros.io.stamps import format_stamp
 from ceiling_dso_ros.io.trajectory import Trajectory, write_tum
 from ceiling_dso_ros.io.warning_log import CountedMessages, WarningLog
 from ceiling_dso_ros.playback.fusion_playback import OF_FUSION, FusionPlayback
@@ -173,6 +174,9 @@ class Playback:
         self.timing.add(tracked.status, tracked.total_ms)
         if tracked.status.T_world_camera is None:
             self._untracked.add(tracked.status.message)
+        if tracked.status.state is TrackingState.LOST:
+            when, why = format_stamp(frame.stamp_ns), tracked.status.message
+            self.warnings.add(f"the map was lost at {when}: {why}", f"the map was lost: {why}")
         if self._fusion is not None:
             self._fusion.add(tracked.status)
             self._make_records(self._fusion)
