@@ -19,6 +19,7 @@ from ceiling_dso_ros.fusion.wheel import WheelOdometry  # noqa: E402
 from ceiling_dso_ros.io.wheel_joints import WheelJoints  # noqa: E402
 from ceiling_dso_ros.ros import diagnostics, run_clock  # noqa: E402
 from ceiling_dso_ros.ros.conversions import ros_time  # noqa: E402
+from ceiling_dso_ros.ros.senders import Senders  # noqa: E402
 from ceiling_dso_ros.ros.wheel_server import WheelServer  # noqa: E402
 
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
@@ -34,7 +35,7 @@ def server(monkeypatch):
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda *_: None)
     server = WheelServer.__new__(WheelServer)
     server._lock, server._clock, server._samples = threading.Lock(), run_clock.RunClock(), diagnostics.Stream(0.5)
-    server._joints = WheelJoints()
+    server._joints, server._senders = WheelJoints(), Senders()
     server._odometry = WheelOdometry(RobotModel(np.eye(4), 0.5), WheelConfig())
     server._odom_frame, server._base_frame, server._broadcaster = "odom", "base_link", None
     server.published = []
@@ -42,9 +43,11 @@ def server(monkeypatch):
     return server
 
 
-def hear(server, stamp_s, names, positions, velocities=()):
+def hear(server, stamp_s, names, positions, velocities=(), sender="/base"):
     header = Header(stamp=rospy.Time.from_sec(stamp_s))
-    server._on_joint_states(JointState(header=header, name=names, position=positions, velocity=velocities))
+    message = JointState(header=header, name=names, position=positions, velocity=velocities)
+    message._connection_header = {"callerid": sender}
+    server._on_joint_states(message)
     return len(server.published)
 
 
@@ -64,6 +67,21 @@ def test_wheels_that_have_gone_are_named(server, monkeypatch):
     monkeypatch.setattr(rospy, "get_time", lambda: 11.0)
     hear(server, 2.0, FINGERS, [0.0, 0.0])
     assert "a message without front_left_wheel and front_right_wheel; name the wheels" in server._samples.complaint
+
+
+def test_two_nodes_that_send_the_wheels_in_turn_are_named(server):
+    hear(server, 1.0, WHEELS, [0.0] * 4)
+    hear(server, 1.01, WHEELS, [0.0] * 4, sender="/joint_state_publisher")
+    assert not server._samples.complaint  # it may have taken over
+    hear(server, 1.02, WHEELS, [0.1] * 4)
+    assert "/joint_state_publisher and /base send them in turn: switch one off" in server._samples.complaint
+    assert "front_left_wheel" in server._samples.complaint
+
+
+def test_a_node_that_is_started_again_under_another_name_is_no_second_one(server):
+    for k, sender in enumerate(["/base"] * 3 + ["/base_2"] * 3):
+        hear(server, 1.0 + 0.01 * k, WHEELS, [0.0] * 4, sender=sender)
+    assert not server._samples.complaint
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ from ceiling_dso_ros.ros.node_parameters import WheelParameters
 from ceiling_dso_ros.ros.planar_messages import planar_odometry, planar_transform
 from ceiling_dso_ros.ros.robot_parameter import ROBOT_GROUP, read_robot
 from ceiling_dso_ros.ros.run_clock import RunClock
+from ceiling_dso_ros.ros.senders import Senders
 from ceiling_dso_ros.ros.services import offer_trigger
 
 QUEUE_SIZE = 200  # samples; every one counts
@@ -61,7 +62,7 @@ class WheelServer:
         (own,) = parameters.read(WheelParameters, groups=ROBOT_GROUP)
         self._odometry = WheelOdometry(read_robot().model, own.wheels)
         self._odom_frame, self._base_frame = own.odom_frame.lstrip("/"), own.base_frame.lstrip("/")
-        self._joints = WheelJoints(own.left_joint, own.right_joint)
+        self._joints, self._senders = WheelJoints(own.left_joint, own.right_joint), Senders()
         self._samples = diagnostics.Stream(own.silence)
 
         self._lock = threading.Lock()
@@ -102,6 +103,9 @@ class WheelServer:
             if angles is not None and stamp_ns == 0:
                 self._samples.complain("a message without a stamp")
             elif angles is not None:
+                two_nodes = self._senders.complaint(message)
+                if two_nodes:
+                    self._complain(f"{' and '.join(map(str, self._joints.pairs))}: {two_nodes}")
                 inner_ns = self._begin_sample(angles.stamp_ns)
                 if inner_ns is not None:
                     self._take_in(self._odometry.add_angles(inner_ns, angles.left, angles.right))
