@@ -30,6 +30,7 @@ from ceiling_dso_ros.fusion.prediction import predict_camera_motion
 from ceiling_dso_ros.fusion.seen_motions import SeenMotion, SeenMotions
 from ceiling_dso_ros.fusion.slip import SlipReport
 from ceiling_dso_ros.fusion.smoothing import SmoothedNode
+from ceiling_dso_ros.fusion.stamp_shift import StampShift
 from ceiling_dso_ros.fusion.state import FusedState, ScaleState
 from ceiling_dso_ros.fusion.wheel import WheelOdometry
 from ceiling_dso_ros.fusion.wheel_motion import WheelStep
@@ -65,9 +66,8 @@ class FusionEstimator:
     def reset(self) -> None:
         """Forget everything: the next wheel sample is the origin of odom."""
         self.wheels = WheelOdometry(self.robot, self.config.wheels)
-        noise = self.wheels.noise
-        self._track = WheelTrack(noise)
-        self._backend = KeyframeBackend(self.robot, self.config, noise, self._keep_history)
+        self._track = WheelTrack(self.wheels.noise)
+        self._backend = KeyframeBackend(self.robot, self.config, self.wheels.noise, self._keep_history)
         self._seen = SeenMotions(self._backend, self._track, self.config.visual, self._camera_offset_ns)
         self._health = Health(self.config)
         self._output: Optional[LiveOutput] = None
@@ -75,6 +75,7 @@ class FusionEstimator:
         self._waiting: List[Tuple[int, int, Union[KeyframeEstimate, OdometryStatus]]] = []
         self._count = itertools.count()
         self._contradiction = Contradiction(self.config.slip)
+        self._shift = StampShift()
         self._frames: Deque[OdometryStatus] = deque(maxlen=RECENT_FRAMES)
         self._leaps = Leaps(self.config.output)
         self._held_ns = LONG_AGO_NS  # until then outputs were published that nothing told of a motion
@@ -224,8 +225,9 @@ class FusionEstimator:
 
     def _state(self, stamp_ns: int, pose: Estimate, twist: np.ndarray, twist_covariance: np.ndarray) -> FusedState:
         """An output of `LiveOutput` in odom, with the health."""
-        covariance = pose.covariance if self._stood is None else pose.covariance + either(pose.pose, self._stood)
-        state, reasons = self._health.judge(stamp_ns, self._backend, self._contradiction)
+        others = self._stood, self._shift.other_pose(pose.pose, twist)
+        covariance = sum((either(pose.pose, other) for other in others if other is not None), pose.covariance)
+        state, reasons = self._health.judge(stamp_ns, self._backend, self._contradiction, self._shift.late_s)
         in_odom = planar.compose(self._origin, pose.pose), planar.rotate_covariance(covariance, self._origin[2])
         return FusedState(stamp_ns, *in_odom, twist, twist_covariance, state, reasons, self.scale)
 
@@ -322,6 +324,7 @@ class FusionEstimator:
 
     def _compare_frames(self, output: LiveOutput, status: OdometryStatus, seen: SeenMotion) -> None:
         """Compare the motion between images with the wheels, which detects slip sooner than that between keyframes."""
+        self._shift.add(seen.start_ns, seen.end_ns, seen.visual.yaw, self._track)
         contradiction = self._contradiction
         was_doubted, motion = contradiction.camera_doubted, seen.visual.base_motion(self.scale.value)
         if seen.contradicted:

@@ -48,10 +48,10 @@ class Health:
         return seconds(now_ns - self._wheels_ns) > max(self._config.wheels.silence_s, MISSING * usual_s)
 
     def judge(
-        self, now_ns: int, backend: KeyframeBackend, contradiction: Contradiction
+        self, now_ns: int, backend: KeyframeBackend, contradiction: Contradiction, late_s: float
     ) -> Tuple[FusionState, Tuple[str, ...]]:
-        """The state at a time, and the reasons why it is not CONVERGED."""
-        wheels, eyes = self._wheels(now_ns, backend, contradiction), self._eyes(now_ns, contradiction)
+        """The state at a time, and the reasons why it is not CONVERGED; late_s: see `StampShift.late_s`."""
+        wheels, eyes = self._wheels(now_ns, backend, contradiction), self._eyes(now_ns, contradiction, late_s)
         reasons = tuple(reason for reason in (wheels, eyes, _scale(now_ns, backend)) if reason)
         if not backend.scale_was_known:
             return FusionState.NOT_SCALED, reasons
@@ -67,7 +67,7 @@ class Health:
         lasts = contradiction.lasts(now_ns) and not contradiction.camera_doubted
         return "wheels: slip" if reported or lasts else ""
 
-    def _eyes(self, now_ns: int, contradiction: Contradiction) -> str:
+    def _eyes(self, now_ns: int, contradiction: Contradiction, late_s: float) -> str:
         if self._camera is None:
             return "camera: no image yet"
         if seconds(now_ns - self._camera_ns) > self._config.visual.silence_s:
@@ -78,6 +78,8 @@ class Health:
         if self._camera.state is not TrackingState.TRACKING and not brief:
             detail = f" ({self._camera.message})" if self._camera.message else ""
             return f"camera: {self._camera.state.value}{detail}"
+        if late_s:
+            return f"camera: its stamps are {abs(late_s):.2f} s {'late' if late_s > 0.0 else 'early'}, by its turns"
         return ""
 
 
