@@ -2,6 +2,7 @@
 """A camera that is missing, wrong or late: what the fusion reports, and what it makes of the wheels."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -302,3 +303,26 @@ def test_images_that_say_how_badly_they_see_count_for_less(loops, fuse):
         return np.sqrt(np.mean(np.square(errors)))
 
     assert rms_m(told=True) < 0.5 * rms_m(told=False)
+
+
+@pytest.mark.parametrize("delay_s", [-0.08, 0.08, 0.15])
+def test_images_that_are_stamped_late_or_early_are_said_and_covered(simulate, truth, fuse, delay_s):
+    fused = fuse(simulate("square", 100.0, 2, truth(camera_delay_s=delay_s)))
+    said = [any("its stamps are" in reason for reason in state.reasons) for state in fused.states]
+    assert said[-1]
+    told = re.search(r"its stamps are (0\.\d\d) s (late|early)", " ".join(fused.states[-1].reasons))
+    assert told is not None
+    assert float(told[1]) == pytest.approx(abs(delay_s), abs=0.015)
+    assert told[2] == ("late" if delay_s > 0.0 else "early")
+    since = said.index(True)
+    assert fused.times_s[since] < 70.0  # four turns of the square
+    errors = [planar.between(state.pose, fused.drive.pose_at(state.stamp_ns)) for state in fused.states[since:]]
+    sigmas = [np.sqrt(np.diag(state.covariance)) for state in fused.states[since:]]
+    assert np.mean([np.hypot(*error[:2]) < 4.0 * np.hypot(*sigma[:2]) for error, sigma in zip(errors, sigmas)]) > 0.95
+
+
+@pytest.mark.parametrize("sequence", ["square", "loops", "spin", "stop_and_go"])
+def test_stamps_that_are_right_are_not_blamed(simulate, truth, fuse, sequence):
+    for seed in range(3):
+        fused = fuse(simulate(sequence, 60.0, seed, truth(ratio=0.01, base=0.02, camera_delay_s=0.01)))
+        assert not any("its stamps are" in reason for state in fused.states for reason in state.reasons)

@@ -28,7 +28,7 @@ def stop_and_turn(rate_rad_s, seed=0, ramp_s=0.4):
     return lambda t_s: np.interp(t_s, fine_s, yaw)
 
 
-def followed(yaw, late_s, wheel_s=0.02, image_s=1 / 30.0, duration_s=60.0, seed=0, slip=SLIP, lost=()):
+def followed(yaw, late_s, wheel_s=0.02, image_s=1 / 30.0, duration_s=60.0, seed=0, slip=SLIP, lost=(), known=True):
     """The late_s that was found after each image of a drive; late_s: seconds, or a function of the stamp."""
     rng, found = np.random.default_rng(seed), []
     track, shift = WheelTrack(WheelNoise(WheelConfig(), 0.5, 1e-4)), StampShift()
@@ -41,7 +41,7 @@ def followed(yaw, late_s, wheel_s=0.02, image_s=1 / 30.0, duration_s=60.0, seed=
     for start_s, end_s, before, after in zip(images_s, images_s[1:], seen, seen[1:]):
         while k < wheels_s.size and wheels_s[k] <= end_s:
             span_ns = (BEGIN_NS + round(1e9 * wheels_s[k - 1]), BEGIN_NS + round(1e9 * wheels_s[k]))
-            track.add(WheelStep(*span_ns, np.array([0.02, 0.0, counted[k] - counted[k - 1]])))
+            track.add(WheelStep(*span_ns, np.array([0.02, 0.0, counted[k] - counted[k - 1]]), known))
             k += 1
         if not any(first_s < end_s < last_s for first_s, last_s in lost):
             shift.add(BEGIN_NS + round(1e9 * start_s), BEGIN_NS + round(1e9 * end_s), after - before, track)
@@ -89,6 +89,12 @@ def test_stamps_that_are_right_again_are_forgiven():
     at_s = 1.0 + np.arange(found.size) / 30.0
     assert found[at_s < 40.0].max() == pytest.approx(0.1, abs=0.01)
     assert found[-1] == 0.0
+
+
+def test_wheels_that_only_guess_or_seldom_count_tell_no_time():
+    """What bridges their silence comes from the images, by a filter that lags."""
+    assert not followed(stop_and_turn(0.8), 0.1, known=False).any()
+    assert not followed(stop_and_turn(0.8), 0.1, wheel_s=0.25).any()
 
 
 def test_gaps_between_images_only_delay_it():

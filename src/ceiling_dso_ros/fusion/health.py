@@ -79,7 +79,8 @@ class Health:
             detail = f" ({self._camera.message})" if self._camera.message else ""
             return f"camera: {self._camera.state.value}{detail}"
         if late_s:
-            return f"camera: its stamps are {abs(late_s):.2f} s {'late' if late_s > 0.0 else 'early'}, by its turns"
+            order = "late" if late_s > 0.0 else "early"
+            return f"camera: its stamps are {abs(late_s):.2f} s {order} beside the wheels', by when both turn"
         return ""
 
 

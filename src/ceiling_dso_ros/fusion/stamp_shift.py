@@ -15,7 +15,9 @@ from ceiling_dso_ros.fusion.wheel_track import WheelTrack
 LONGEST_S = 0.3  # a clock that was set by more is found by when messages arrive
 STEP_S = 0.01  # of the search
 WINDOW_S = 3.0  # long enough for the begin or the end of a turn, too short for the wheels' slip to change much
+STRIDE_S = 1.0  # to the next window
 WORTH_S = 0.03  # a robot at 1 m/s and 1 rad/s is 3 cm and 30 mrad from where it is said to be
+LONGEST_STEP_S = 2.0 * WORTH_S  # of the wheels: when they begin to turn is known to half a step
 SIGMA_S = 0.005  # of a judgment: one in which the rate of turn changes too little is none
 AGREEING = 3  # judgments of different turns
 NOISE_RAD = 1e-3  # of a turn, at least: encoders, vibration of the mount
@@ -34,7 +36,7 @@ class StampShift:
     def __init__(self) -> None:
         self._judgments_s: Deque[float] = deque(maxlen=AGREEING)
         self._stamps_ns: List[int] = []
-        self._turns_rad: List[float] = []  # since the first of the stamps
+        self._turns_rad: List[float] = []  # of the camera, up to each of the stamps
 
     def add(self, start_ns: int, end_ns: int, turn_rad: float, track: WheelTrack) -> None:
         """Take in the camera's turn between two images.
@@ -44,6 +46,10 @@ class StampShift:
             turn_rad: about the floor's normal.
             track: of the wheels.
         """
+        wheels = track.newest
+        if not wheels.known or wheels.duration_s > LONGEST_STEP_S:
+            self._stamps_ns = []
+            return
         if not self._stamps_ns or self._stamps_ns[-1] != start_ns:
             self._stamps_ns, self._turns_rad = [start_ns], [0.0]
         self._stamps_ns.append(end_ns)
@@ -72,13 +78,16 @@ class StampShift:
         return planar.compose(pose, planar.expmap(late_s * np.array([twist[0], 0.0, twist[1]]))) if late_s else None
 
     def _judge(self, count: int, track: WheelTrack) -> None:
-        """Judge the first images, and go on with those that follow."""
+        """Judge the first images. No image is in two judgments, but windows that tell nothing overlap."""
         stamps_ns, turns_rad = np.array(self._stamps_ns[:count]), np.array(self._turns_rad[:count])
-        del self._stamps_ns[: count - 1], self._turns_rad[: count - 1]
+        late_s = None
         if stamps_ns[0] - nanoseconds(LONGEST_S) >= track.start_ns:
             late_s = shift_of_turns(stamps_ns, turns_rad, track)
-            if late_s is not None:
-                self._judgments_s.append(late_s)
+        used = int(np.searchsorted(stamps_ns, stamps_ns[0] + nanoseconds(STRIDE_S)))
+        if late_s is not None:
+            self._judgments_s.append(late_s)
+            used = count - 1
+        del self._stamps_ns[:used], self._turns_rad[:used]
 
 
 def shift_of_turns(stamps_ns: np.ndarray, turns_rad: np.ndarray, track: WheelTrack) -> Optional[float]:
@@ -86,7 +95,7 @@ def shift_of_turns(stamps_ns: np.ndarray, turns_rad: np.ndarray, track: WheelTra
 
     Args:
         stamps_ns: (N,) int64 of images.
-        turns_rad: (N,) of the camera from the first image on.
+        turns_rad: (N,) of the camera, up to each of them.
         track: of the wheels, from `LONGEST_S` before to `LONGEST_S` after.
     """
     shifts_s = STEP_S * np.arange(-round(LONGEST_S / STEP_S), round(LONGEST_S / STEP_S) + 1)
