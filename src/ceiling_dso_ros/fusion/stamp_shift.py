@@ -78,7 +78,7 @@ class StampShift:
         return planar.compose(pose, planar.expmap(late_s * np.array([twist[0], 0.0, twist[1]]))) if late_s else None
 
     def _judge(self, count: int, track: WheelTrack) -> None:
-        """Judge the first images. No image is in two judgments, but windows that tell nothing overlap."""
+        """Judge the first images. No turn is in two judgments, but windows that tell nothing overlap."""
         stamps_ns, turns_rad = np.array(self._stamps_ns[:count]), np.array(self._turns_rad[:count])
         late_s = None
         if stamps_ns[0] - nanoseconds(LONGEST_S) >= track.start_ns:

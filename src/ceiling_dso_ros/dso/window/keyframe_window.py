@@ -86,7 +86,8 @@ class KeyframeWindow:
         self.gone_points: List[int] = []  # active points that each keyframe has lost
         self.depths: List[float] = []  # of the map as each keyframe saw it when it was made
         self.scales: List[ScaleMeasurement] = []  # by the second camera, then
-        self.points.count = self.candidates.count = 0
+        self.points.clear()
+        self.candidates.count = 0
         self.intrinsics_eval = self._calibrated_intrinsics
         self.intrinsics_offset = np.zeros(INTRINSICS)
         self.normal: Optional[np.ndarray] = None  # (3,) of the plane in which the camera moves, in its own frame

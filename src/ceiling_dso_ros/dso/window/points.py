@@ -88,6 +88,11 @@ class PointTable(HostTable[PointArrays]):
         super().__init__(point_arrays(capacity))
         self.residuals = residual_arrays(targets, capacity)
 
+    def clear(self) -> None:
+        """Drop all points, and the energies that residuals keep until they are inside an image."""
+        self.count = 0
+        self.residuals.energy[:] = 0
+
     def append(
         self, u: np.ndarray, v: np.ndarray, kind: np.ndarray, grey: np.ndarray, weight: np.ndarray, idepth: np.ndarray,
         host: np.ndarray, live: np.ndarray,
